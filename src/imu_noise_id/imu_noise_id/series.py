@@ -1,0 +1,85 @@
+"""One channel on a uniform grid of time, with a mask where samples are absent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from imu_noise_id.recording import Channel, Floats, Mask
+
+
+@dataclass(frozen=True)
+class Series:
+    """Uniformly sampled values with a mask.
+
+    Attributes
+    ----------
+    values : (n,) float64
+        Value at ``start_s + k * sample_time_s``; 0.0 and without meaning where not observed.
+    observed : (n,) bool
+        Whether sample k was recorded (and the platform stood still).
+    sample_time_s : float
+    start_s : float
+        Time of sample 0 since the recording's first stamp.
+    """
+
+    values: Floats
+    observed: Mask
+    sample_time_s: float
+    start_s: float = 0.0
+
+    @property
+    def complete(self) -> bool:
+        """Whether every sample was observed."""
+        return bool(self.observed.all())
+
+    @property
+    def mean(self) -> float:
+        """Mean of the observed samples, summed about the first of them to keep digits."""
+        seen = self.values[self.observed]
+        return float(seen[0] + np.mean(seen - seen[0]))
+
+    @property
+    def time_s(self) -> Floats:
+        """Time of each sample since the recording's first stamp, shape (n,)."""
+        return self.start_s + self.sample_time_s * np.arange(self.values.size)
+
+
+def to_series(channel: Channel, recording_start_ns: int) -> Series:
+    """Put a channel on the grid of its own rate.
+
+    Sample k+1 lies ``round((t_{k+1} - t_k) / dt)`` (at least 1) cells after sample k, so jitter and
+    a slow drift of the clock do not open or close cells, and a gap keeps its length to within half
+    a sample.  Moving samples become unobserved; leading and trailing unobserved cells are cut.
+
+    Parameters
+    ----------
+    channel : Channel
+    recording_start_ns : int
+        ``Recording.start_ns``.
+
+    Returns
+    -------
+    Series
+
+    Raises
+    ------
+    ValueError
+        When no still sample is left.
+    """
+    if not channel.still.any():
+        raise ValueError(f"{channel.topic} {channel.name}: no still sample")
+    sample_time_s = 1.0 / channel.rate_hz
+    steps = np.rint(np.diff(channel.stamp_ns) * (1e-9 / sample_time_s)).astype(np.int64)
+    cell = np.concatenate(([0], np.cumsum(np.maximum(steps, 1))))
+    used = np.flatnonzero(channel.still)
+    first = used[0]
+    cell = cell[used] - cell[first]
+    size = int(cell[-1]) + 1
+    values = np.zeros(size)
+    observed = np.zeros(size, dtype=bool)
+    values[cell] = channel.values[used]
+    observed[cell] = True
+    start_s = float(channel.stamp_ns[first] - recording_start_ns) * 1e-9
+    return Series(values, observed, sample_time_s, start_s)
