@@ -1,0 +1,23 @@
+"""The catalogue: every module of this folder that defines an :class:`Effect` is in it."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+
+from imu_noise_id.effects.base import Effect
+
+
+def _collect() -> dict[str, type[Effect]]:
+    found: dict[str, type[Effect]] = {}
+    for module_info in pkgutil.iter_modules(__path__):
+        module = importlib.import_module(f"{__name__}.{module_info.name}")
+        for _, item in inspect.getmembers(module, inspect.isclass):
+            defined_here = item.__module__ == module.__name__
+            if defined_here and issubclass(item, Effect) and not inspect.isabstract(item):
+                found[item.name] = item
+    return dict(sorted(found.items()))
+
+
+CATALOGUE: dict[str, type[Effect]] = _collect()

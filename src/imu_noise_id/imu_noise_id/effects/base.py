@@ -1,0 +1,139 @@
+"""What an effect is: a named part of a noise model, with parameters, laws and a simulation.
+
+One effect is one file of this folder: a frozen dataclass whose fields are its parameters in SI
+units, derived from one of the classes below, which say where it acts.  The order of action is the
+order of :class:`Stage`: source -> bandwidth -> output -> transport.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import ClassVar
+
+import numpy as np
+
+from imu_noise_id.recording import Floats
+
+
+class Stage(IntEnum):
+    """Where in the sensor an effect acts, in physical order."""
+
+    SOURCE = 0
+    BANDWIDTH = 1
+    OUTPUT = 2
+    TRANSPORT = 3
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect.
+
+    Attributes
+    ----------
+    name : str
+        Field of the effect, key in every file.
+    unit : str
+        Unit with ``{u}`` for the channel's unit, e.g. ``{u}/sqrt(Hz)``.
+    positive : bool
+        Positive parameters are estimated, and their intervals formed, in the logarithm.
+    meaning : str
+        One line for documentation and help.
+    """
+
+    name: str
+    unit: str
+    positive: bool
+    meaning: str
+
+    def unit_for(self, channel_unit: str) -> str:
+        """Unit on a channel: ``{u}/sqrt(Hz)`` on rad/s is ``rad/s/sqrt(Hz)``."""
+        return self.unit.format(u=channel_unit)
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """Sampled linear Gaussian form of a stochastic effect.
+
+    x_{k+1} = F x_k + w_k,  y_k = H x_k + v_k,  E[w w'] = Q,  E[v v'] = R,  x_0 ~ N(0, P0);
+    shapes (s, s), (1, s), (s, s), (1, 1), (s, s).  A state that starts unknown has a large P0
+    and says so in ``diffuse`` (s,).
+    """
+
+    F: Floats
+    H: Floats
+    Q: Floats
+    R: Floats
+    P0: Floats
+    diffuse: tuple[bool, ...]
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """Base of all effects; subclasses are frozen dataclasses of their parameters."""
+
+    name: ClassVar[str]
+    stage: ClassVar[Stage]
+    parameters: ClassVar[tuple[Parameter, ...]]
+
+    def values(self) -> tuple[float | str, ...]:
+        """Parameter values in the order of ``parameters``."""
+        return tuple(getattr(self, p.name) for p in self.parameters)
+
+    def replace(self, **changes: float | str) -> Effect:
+        """Return a copy with other parameter values."""
+        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+
+
+class StochasticEffect(Effect):
+    """Adds a stationary (or stationary-increment) random signal; all of them sum in the spectrum."""
+
+    stage = Stage.SOURCE
+
+    @abstractmethod
+    def psd(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
+        """Two-sided PSD of the sampled signal (aliasing included), (n,), unit^2/Hz."""
+
+    @abstractmethod
+    def psd_gradient(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
+        """Derivatives of the PSD by the logarithm of each parameter, (p, n)."""
+
+    @abstractmethod
+    def allan_variance(self, tau_s: Floats, sample_time_s: float) -> Floats:
+        """Allan variance at ``tau_s``, (n,), unit^2."""
+
+    def state_space(self, sample_time_s: float) -> StateSpace | None:
+        """Sampled state-space form, or None where the effect has no finite one."""
+        return None
+
+    @abstractmethod
+    def simulate(self, n: int, sample_time_s: float, rng: np.random.Generator) -> Floats:
+        """One realisation of n samples."""
+
+
+class CourseEffect(Effect):
+    """Adds a deterministic course: ramps, steps, lines, what follows the temperature."""
+
+    stage = Stage.SOURCE
+
+    @abstractmethod
+    def course(self, time_s: Floats, temperature: Floats | None) -> Floats:
+        """Return the signal at ``time_s`` since the recording's first stamp, (n,)."""
+
+
+class TransformEffect(Effect):
+    """Changes the samples that it is given: bandwidth, rounding, saturation, outliers."""
+
+    stage = Stage.OUTPUT
+
+    @abstractmethod
+    def apply(
+        self, values: Floats, time_s: Floats, sample_time_s: float, rng: np.random.Generator
+    ) -> Floats:
+        """Return the transformed samples, (n,)."""
+
+    def power_response(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
+        """Factor by which the effect multiplies the spectrum of the sources, (n,)."""
+        return np.ones_like(frequency_hz)
