@@ -15,7 +15,7 @@ def _collect() -> dict[str, type[Effect]]:
         module = importlib.import_module(f"{__name__}.{module_info.name}")
         for _, item in inspect.getmembers(module, inspect.isclass):
             defined_here = item.__module__ == module.__name__
-            if defined_here and issubclass(item, Effect) and not inspect.isabstract(item):
+            if defined_here and issubclass(item, Effect) and "name" in vars(item):
                 found[item.name] = item
     return dict(sorted(found.items()))
 
