@@ -1,0 +1,58 @@
+"""Files are written whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+
+from imu_noise_id.errors import InputError
+
+
+def write_text(path: Path | str, text: str) -> None:
+    """Replace a file by a text, so that a reader sees the old or the new whole file.
+
+    The text goes to a temporary file of the same folder (made where it is missing), which is then
+    renamed.
+
+    Raises
+    ------
+    InputError
+        When the disk is full, the place is read-only or not a folder; the old file is untouched.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(temporary, "w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror}): free the place or name another"
+        ) from error
+
+
+def read_text(path: Path | str, limit_bytes: int) -> str:
+    """Read a text file of bounded size.
+
+    Raises
+    ------
+    InputError
+        When it is missing, a folder, unreadable, larger than the limit or not UTF-8.
+    """
+    try:
+        with open(path, "rb") as stream:
+            raw = stream.read(limit_bytes + 1)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}): check the path") from error
+    if len(raw) > limit_bytes:
+        raise InputError(f"{path}: larger than {limit_bytes // 2**20} MB: not a file of this suite")
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file in UTF-8: check the path") from error
