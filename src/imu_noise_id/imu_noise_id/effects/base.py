@@ -2,7 +2,8 @@
 
 One effect is one file of this folder: a frozen dataclass whose fields are its parameters in SI
 units, derived from one of the classes below, which say where it acts.  The order of action is the
-order of :class:`Stage`: source -> bandwidth -> output -> transport.
+order of :class:`Stage`: source -> bandwidth -> output -> rounding -> transport; within a stage,
+the order of the names.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from enum import IntEnum
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from imu_noise_id.recording import Floats
 
@@ -24,7 +26,8 @@ class Stage(IntEnum):
     SOURCE = 0
     BANDWIDTH = 1
     OUTPUT = 2
-    TRANSPORT = 3
+    ROUNDING = 3
+    TRANSPORT = 4
 
 
 @dataclass(frozen=True)
@@ -137,3 +140,21 @@ class TransformEffect(Effect):
     def power_response(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
         """Factor by which the effect multiplies the spectrum of the sources, (n,)."""
         return np.ones_like(frequency_hz)
+
+
+class TransportEffect(Effect):
+    """Acts on the messages of a whole topic: which are sent, with what stamp and which sample."""
+
+    stage = Stage.TRANSPORT
+
+    @abstractmethod
+    def transport(
+        self, stamp_s: Floats, sample_time_s: float, rng: np.random.Generator
+    ) -> tuple[Floats, NDArray[np.int64]]:
+        """Return the stamps that are sent (m,) and the index of the sample that each carries (m,)."""
+
+
+class CouplingEffect(Effect):
+    """Ties the noise of one channel to that of another."""
+
+    stage = Stage.SOURCE
