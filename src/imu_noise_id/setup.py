@@ -1,0 +1,29 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package = "imu_noise_id"
+commands = ["identify", "simulate", "reconcile", "export"]
+
+setup(
+    name=package,
+    version="0.1.0",
+    description="Identify, simulate, reconcile and export noise models of IMU and GNSS channels",
+    maintainer="imu_noise_id maintainers",
+    maintainer_email="maintainers@imu-noise-id.org",
+    license="Apache-2.0",
+    packages=find_packages(include=[package, f"{package}.*"]),
+    package_data={package: ["**/*.html", "**/*.css", "**/*.js", "**/*.yaml", "**/*.json", "**/*.j2"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
+        (f"share/{package}", ["package.xml"]),
+        (f"share/{package}/launch", glob("launch/*.launch.py")),
+        (f"share/{package}/config", glob("config/*")),
+    ],
+    # what it imports is named by package.xml, the lower bounds by the workspace's pyproject.toml
+    install_requires=["setuptools"],
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [f"{name} = {package}.commands.{name}:main" for name in commands]
+    },
+)
