@@ -1,0 +1,64 @@
+"""Dropouts: messages that never arrive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imu_noise_id.effects.base import Parameter, TransportEffect
+from imu_noise_id.recording import Floats, Stamps
+
+
+@dataclass(frozen=True)
+class Dropouts(TransportEffect):
+    """Gaps start at ``rate`` per second; each loses a geometric number of messages, at least one.
+
+    Attributes
+    ----------
+    rate : float
+        Gaps per second.
+    mean_length_s : float
+        Mean time that the messages of one gap would have covered.
+    """
+
+    rate: float
+    mean_length_s: float
+
+    name: ClassVar[str] = "dropouts"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("rate", "1/s", True, "Gaps per second"),
+        Parameter("mean_length_s", "s", True, "Mean length of a gap"),
+    )
+
+    def transport(
+        self, stamp_s: Floats, sample_time_s: float, rng: np.random.Generator
+    ) -> tuple[Floats, NDArray[np.int64]]:
+        """Leave messages out; the first one is always sent."""
+        n = stamp_s.size
+        start = np.flatnonzero(rng.random(n) < self.rate * sample_time_s)
+        start = start[start > 0]
+        mean_messages = max(self.mean_length_s / sample_time_s, 1.0)
+        length = rng.geometric(1.0 / mean_messages, start.size)
+        change = np.zeros(n + 1, dtype=np.int64)
+        np.add.at(change, start, 1)
+        np.add.at(change, np.minimum(start + length, n), -1)
+        kept = np.flatnonzero(np.cumsum(change[:-1]) == 0)
+        return stamp_s[kept], kept
+
+
+def gap_lengths(stamp_ns: Stamps, rate_hz: float) -> NDArray[np.int64]:
+    """Number of messages missing in each gap, in order; empty where none is missing."""
+    steps = np.rint(np.diff(stamp_ns) * (1e-9 * rate_hz)).astype(np.int64)
+    return steps[steps > 1] - 1
+
+
+def dropout_parameters(stamp_ns: Stamps, rate_hz: float) -> tuple[float, float]:
+    """Gaps per second and their mean length, (rate, mean_length_s); zeros where there is none."""
+    missing = gap_lengths(stamp_ns, rate_hz)
+    duration_s = float(stamp_ns[-1] - stamp_ns[0]) * 1e-9
+    if missing.size == 0 or duration_s <= 0.0:
+        return 0.0, 0.0
+    return missing.size / duration_s, float(missing.mean()) / rate_hz
