@@ -272,18 +272,33 @@ def _read_effect(node: Node, channel_name: str, one_sided: bool) -> FittedEffect
     if "parameters" not in keys:
         wanted = ", ".join(p.name for p in kind.parameters)
         raise node.error(f"{name} without 'parameters' ({wanted})")
-    wanted_keys = tuple(p.name for p in kind.parameters)
-    given = keys["parameters"].mapping(f"the parameters of {name}", wanted_keys)
-    estimates = []
-    for parameter in kind.parameters:
-        if parameter.name not in given:
-            raise keys["parameters"].error(f"{name} without its parameter '{parameter.name}'")
-        estimate = _read_estimate(given[parameter.name], name, parameter, channel_name)
-        if _one_sided(keys, one_sided) and (name, parameter.name) == ("white_noise", "density"):
-            estimate = _to_two_sided(estimate)
-        estimates.append(estimate)
+    estimates = _read_parameters(keys["parameters"], kind, channel_name)
+    if _one_sided(keys, one_sided) and name == "white_noise":
+        estimates = [_to_two_sided(estimate) for estimate in estimates]
     note = keys["note"].text("'note'") if _given(keys, "note") else ""
     return FittedEffect(_construct(node, kind, estimates), tuple(estimates), note)
+
+
+def _read_parameters(node: Node, kind: type[Effect], channel_name: str) -> list[Estimate]:
+    wanted = tuple(p.name for p in kind.parameters)
+    given = node.mapping(f"the parameters of {kind.name}", wanted)
+    estimates = []
+    defaults = _defaults(kind)
+    for parameter in kind.parameters:
+        if parameter.name not in given:
+            if parameter.name not in defaults:
+                raise node.error(f"{kind.name} without its parameter '{parameter.name}'")
+            unit = parameter.unit_for(unit_of(channel_name))
+            estimates.append(Estimate(defaults[parameter.name], None, None, None, unit))
+            continue
+        estimates.append(_read_estimate(given[parameter.name], kind.name, parameter, channel_name))
+    return estimates
+
+
+def _defaults(kind: type[Effect]) -> dict[str, Any]:
+    """Return the parameters that an effect fills in itself."""
+    fields = dataclasses.fields(kind)
+    return {f.name: f.default for f in fields if f.default is not dataclasses.MISSING}
 
 
 def _construct(node: Node, kind: type[Effect], estimates: list[Estimate]) -> Effect:
@@ -357,10 +372,12 @@ def _read_covariance(keys: dict[str, Node], effects: tuple[FittedEffect, ...]) -
         [cell.number("log_covariance") for cell in row.items("a row of log_covariance")]
         for row in node.items("'log_covariance'")
     ]
-    size = sum(not isinstance(e.value, str) for fitted in effects for e in fitted.estimates)
-    if len(rows) != size or any(len(row) != size for row in rows):
-        raise node.error(f"'log_covariance' must be {size} x {size}, one row a parameter")
-    return np.array(rows, dtype=float).reshape(size, size)
+    most = sum(not isinstance(e.value, str) for fitted in effects for e in fitted.estimates)
+    if len(rows) > most or any(len(row) != len(rows) for row in rows):
+        raise node.error(
+            f"'log_covariance' must be square, one row an estimated parameter (at most {most})"
+        )
+    return np.array(rows, dtype=float).reshape(len(rows), len(rows))
 
 
 def _read_bound(node: Node, unit: str) -> UpperBound:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
+from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.errors import InputError
 from imu_noise_id.model import (
     ChannelModel,
@@ -17,7 +17,6 @@ from imu_noise_id.model import (
     TemperatureCourse,
     UpperBound,
 )
-from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.model_file import load_model, save_model
 
 GYRO = "angular_velocity.x"
@@ -134,7 +133,7 @@ WRONG = [
         6,
         "rad/s/sqrt(Hz)",
     ),
-    (_typed(EFFECT) + "    log_covariance: [[1, 2]]\n", 7, "1 x 1"),
+    (_typed(EFFECT) + "    log_covariance: [[1, 2]]\n", 7, "square"),
     (_typed(EFFECT) + "    bounds: [{name: white_noise}]\n", 7, "parameter"),
     (_typed(EFFECT) + "temperature: {time_s: [0, 1], temperature_degc: [20]}\n", 7, "as many"),
     (_typed(EFFECT) + "notes: !!python/object/apply:os.system [echo]\nx: 1\n", 8, "unknown key"),
