@@ -2,8 +2,8 @@
 
 One effect is one file of this folder: a frozen dataclass whose fields are its parameters in SI
 units, derived from one of the classes below, which say where it acts.  The order of action is the
-order of :class:`Stage`: source -> bandwidth -> output -> rounding -> transport; within a stage,
-the order of the names.
+order of :class:`Stage`: source -> bandwidth -> output -> rounding -> hold -> stamp -> transport;
+within a stage, the order of the names.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ class Stage(IntEnum):
     BANDWIDTH = 1
     OUTPUT = 2
     ROUNDING = 3
-    TRANSPORT = 4
+    HOLD = 4
+    STAMP = 5
+    TRANSPORT = 6
 
 
 @dataclass(frozen=True)
@@ -44,12 +46,15 @@ class Parameter:
         Positive parameters are estimated, and their intervals formed, in the logarithm.
     meaning : str
         One line for documentation and help.
+    estimated : bool
+        False for what is chosen and not estimated by likelihood (an order, a name, a factor).
     """
 
     name: str
     unit: str
     positive: bool
     meaning: str
+    estimated: bool = True
 
     def unit_for(self, channel_unit: str) -> str:
         """Unit on a channel: ``{u}/sqrt(Hz)`` on rad/s is ``rad/s/sqrt(Hz)``."""
@@ -85,15 +90,40 @@ class Effect(ABC):
         """Parameter values in the order of ``parameters``."""
         return tuple(getattr(self, p.name) for p in self.parameters)
 
+    def free(self) -> tuple[str, ...]:
+        """Names of the parameters that a fit estimates."""
+        return tuple(p.name for p in self.parameters if p.estimated)
+
     def replace(self, **changes: float | str) -> Effect:
         """Return a copy with other parameter values."""
         return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
 
+    def limits(self, sample_time_s: float, duration_s: float) -> tuple[tuple[float, float], ...]:
+        """Range of each free parameter in which it can be told from something else.
+
+        Parameters
+        ----------
+        sample_time_s, duration_s : float
+            Of the record from which the effect is estimated.
+        """
+        return tuple((0.0, float("inf")) for _ in self.free())
+
 
 class StochasticEffect(Effect):
-    """Adds a stationary (or stationary-increment) random signal; all of them sum in the spectrum."""
+    """Adds a stationary (or stationary-increment) random signal; all of them sum in the spectrum.
+
+    Lines are in this class too: random phase, power ``amplitude^2/2``, no continuous spectrum.
+    """
 
     stage = Stage.SOURCE
+
+    @classmethod
+    def starts(cls, residual: Residual) -> tuple[StochasticEffect, ...]:
+        """Starting values for a fit that adds this effect to a fitted spectrum, best first.
+
+        Empty where nothing of the kind shows.  The default has none: the effect is found elsewhere.
+        """
+        return ()
 
     @abstractmethod
     def psd(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
@@ -101,7 +131,7 @@ class StochasticEffect(Effect):
 
     @abstractmethod
     def psd_gradient(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
-        """Derivatives of the PSD by the logarithm of each parameter, (p, n)."""
+        """Derivatives of the PSD by the logarithm of each free parameter, (p, n)."""
 
     @abstractmethod
     def allan_variance(self, tau_s: Floats, sample_time_s: float) -> Floats:
@@ -137,9 +167,37 @@ class TransformEffect(Effect):
     ) -> Floats:
         """Return the transformed samples, (n,)."""
 
+
+class ResponseEffect(TransformEffect):
+    """Multiplies the spectrum of everything that acts before it; 1 at frequency 0."""
+
+    stage = Stage.BANDWIDTH
+
+    @classmethod
+    def starts(cls, residual: Residual) -> tuple[ResponseEffect, ...]:
+        """Starting values for a fit that adds this effect to a fitted spectrum."""
+        return ()
+
+    @abstractmethod
     def power_response(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
-        """Factor by which the effect multiplies the spectrum of the sources, (n,)."""
-        return np.ones_like(frequency_hz)
+        """Factor on the two-sided PSD of the sampled signal (aliasing included), (n,)."""
+
+    @abstractmethod
+    def log_response_gradient(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
+        """Derivatives of the log response by the log of each free parameter, (p, n)."""
+
+    def apply(
+        self, values: Floats, time_s: Floats, sample_time_s: float, rng: np.random.Generator
+    ) -> Floats:
+        """Filter with the root of the power response, without phase.
+
+        Done in the DCT-II, whose symmetric extension lets slow signals pass the ends unharmed.
+        """
+        n = values.size
+        coefficients = fft.dct(values, norm="ortho")
+        frequency_hz = np.arange(n) / (2.0 * n * sample_time_s)
+        coefficients *= np.sqrt(self.power_response(frequency_hz, sample_time_s))
+        return np.asarray(fft.idct(coefficients, norm="ortho"))
 
 
 class TransportEffect(Effect):
@@ -151,7 +209,7 @@ class TransportEffect(Effect):
     def transport(
         self, stamp_s: Floats, sample_time_s: float, rng: np.random.Generator
     ) -> tuple[Floats, NDArray[np.int64]]:
-        """Return the stamps that are sent (m,) and the index of the sample that each carries (m,)."""
+        """Return the stamps that are sent (m,) and which sample each of them carries (m,)."""
 
 
 class CouplingEffect(Effect):

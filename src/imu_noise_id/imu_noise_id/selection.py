@@ -1,0 +1,153 @@
+"""Which effects a spectrum has: forward by score, then likelihood ratio, backward and swap moves.
+
+A model's worth is ``2 l - sum of the prices of its effects``; an effect enters, stays and replaces
+another only where that grows.  The prices hold false effects on white noise under 1 % of channels
+(``docs/study_identify.md``): they are paid for searching a frequency or a correlation time too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from imu_noise_id.effects.averaging import Averaging
+from imu_noise_id.effects.bandwidth_limit import BandwidthLimit
+from imu_noise_id.effects.base import Effect, ResponseEffect, StochasticEffect
+from imu_noise_id.effects.bias_instability import BiasInstability
+from imu_noise_id.effects.gauss_markov import GaussMarkov
+from imu_noise_id.effects.narrow_band import NarrowBand
+from imu_noise_id.effects.quantization import Quantization
+from imu_noise_id.effects.rate_random_walk import RateRandomWalk
+from imu_noise_id.effects.white_noise import WhiteNoise
+from imu_noise_id.ordinates import Ordinates
+from imu_noise_id.recording import Floats
+from imu_noise_id.whittle import Fit, fit, log_likelihood
+
+PRICE = {
+    "white_noise": 10.0,
+    "quantization": 10.0,
+    "bias_instability": 10.0,
+    "rate_random_walk": 10.0,
+    "gauss_markov": 15.0,
+    "narrow_band": 22.0,
+    "averaging": 12.0,
+    "bandwidth_limit": 18.0,
+}
+MOST = {"gauss_markov": 3, "narrow_band": 8}
+SLOW: tuple[type[StochasticEffect], ...] = (RateRandomWalk, BiasInstability, GaussMarkov)
+SOURCES: tuple[type[StochasticEffect], ...] = (*SLOW, Quantization, NarrowBand)
+RESPONSES: tuple[type[ResponseEffect], ...] = (Averaging, BandwidthLimit)
+LEAST_EFFECTS = 1
+
+
+def worth(candidate: Fit) -> float:
+    """Return 2 l minus the prices of the effects."""
+    return 2.0 * candidate.log_likelihood - sum(PRICE[e.name] for e in candidate.effects)
+
+
+def white_start(ordinates: Ordinates) -> WhiteNoise:
+    """White noise at the median ordinate, which no slow effect reaches."""
+    order = np.argsort(ordinates.power)
+    reached = np.cumsum(ordinates.dof[order])
+    middle = order[np.searchsorted(reached, 0.5 * reached[-1])]
+    return WhiteNoise(float(np.sqrt(max(ordinates.power[middle], np.finfo(float).tiny))))
+
+
+def select(ordinates: Ordinates, floor: float = 0.0) -> Fit:
+    """Choose the effects of a spectrum and fit them.
+
+    Parameters
+    ----------
+    ordinates : Ordinates
+    floor : float
+        Known white spectrum beneath everything.
+
+    Returns
+    -------
+    Fit
+    """
+    best = fit((white_start(ordinates),), ordinates, floor)
+    for _ in range(20):
+        grown = _grow(best)
+        if worth(grown) <= worth(best) + 1e-3:
+            grown = _swap(best)
+        if worth(grown) <= worth(best) + 1e-3:
+            return best
+        best = _prune(grown)
+    return best
+
+
+def _count(effects: tuple[Effect, ...], name: str) -> int:
+    return sum(e.name == name for e in effects)
+
+
+def _grow(current: Fit) -> Fit:
+    """Best fit with one effect more, or the current one."""
+    trials = [current]
+    for kind in SOURCES:
+        if _count(current.effects, kind.name) < MOST.get(kind.name, 1):
+            trials += [_refit(current, (*current.effects, s)) for s in kind.starts(current.residual)]
+    if not any(isinstance(e, ResponseEffect) for e in current.effects):
+        trials += [_refit(current, (*current.effects, s)) for s in _response_starts(current)]
+    return max(trials, key=worth)
+
+
+def _response_starts(current: Fit) -> list[ResponseEffect]:
+    """The two most promising responses of each kind, level refitted in closed form."""
+    found: list[ResponseEffect] = []
+    ordinates = current.ordinates
+    for kind in RESPONSES:
+        ranked: list[tuple[float, ResponseEffect]] = []
+        for start in kind.starts(current.residual):
+            psd = _shaped(current, start)
+            level = float(ordinates.dof @ (ordinates.power / psd) / ordinates.dof.sum())
+            gain = log_likelihood(level * psd, ordinates) - current.log_likelihood
+            ranked.append((gain, start))
+        ranked.sort(key=lambda item: -item[0])
+        found += [start for gain, start in ranked[:2] if gain > -20.0]
+    return found
+
+
+def _shaped(current: Fit, response: ResponseEffect) -> Floats:
+    f, dt = current.ordinates.frequency_hz, current.ordinates.sample_time_s
+    return (current.spectrum.psd - current.floor) * response.power_response(f, dt) + current.floor
+
+
+def _refit(current: Fit, effects: tuple[Effect, ...]) -> Fit:
+    return fit(effects, current.ordinates, current.floor)
+
+
+def _without(current: Fit, index: int) -> tuple[Effect, ...]:
+    return current.effects[:index] + current.effects[index + 1 :]
+
+
+def _prune(current: Fit) -> Fit:
+    """Leave out, one at a time, what is not worth its price."""
+    while len(current.effects) > LEAST_EFFECTS:
+        fewer = [
+            _refit(current, _without(current, i))
+            for i in range(len(current.effects))
+            if _leaves_a_source(current, i)
+        ]
+        best = max(fewer, key=worth, default=current)
+        if worth(best) < worth(current):
+            break
+        current = best
+    return current
+
+
+def _leaves_a_source(current: Fit, index: int) -> bool:
+    return any(isinstance(e, StochasticEffect) for e in _without(current, index))
+
+
+def _swap(current: Fit) -> Fit:
+    """Best fit with one effect exchanged for another kind, or the current one."""
+    trials = [current]
+    for i, effect in enumerate(current.effects):
+        if not isinstance(effect, (*SLOW, Quantization)) or not _leaves_a_source(current, i):
+            continue
+        rest = _refit(current, _without(current, i))
+        for kind in (*SLOW, Quantization):
+            if kind.name == effect.name or _count(rest.effects, kind.name) >= MOST.get(kind.name, 1):
+                continue
+            trials += [_refit(current, (*rest.effects, s)) for s in kind.starts(rest.residual)]
+    return max(trials, key=worth)
