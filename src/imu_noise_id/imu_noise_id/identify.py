@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from imu_noise_id.allan import AllanCurve, allan
+from imu_noise_id.intervals import estimates
 from imu_noise_id.model import ChannelModel, NoiseModel
+from imu_noise_id.ordinates import cosine_coefficients, fast_length, ordinates
 from imu_noise_id.recording import Channel, Recording
-from imu_noise_id.series import Series
+from imu_noise_id.selection import select
+from imu_noise_id.series import Series, to_series
 
 if TYPE_CHECKING:
-    from imu_noise_id.allan import AllanCurve
     from imu_noise_id.cca import CcaModel
+
+SHORTEST = 32
 
 
 @dataclass(frozen=True)
@@ -66,3 +74,70 @@ class Identification:
             if result.channel.name == name:
                 return result
         raise KeyError(name)
+
+
+def identify_recording(recording: Recording, workers: int = 2) -> Identification:
+    """Identify every channel of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+    workers : int
+        Threads over channels; the result does not depend on their number.
+
+    Returns
+    -------
+    Identification
+    """
+    notes = [
+        f"{c.topic} {c.name}: the platform moved throughout, nothing identified"
+        for c in recording.channels
+        if not c.still.any()
+    ]
+    channels = [c for c in recording.channels if c.still.any()]
+    with ThreadPoolExecutor(max(workers, 1)) as pool:
+        results = tuple(pool.map(lambda c: identify_channel(c, recording), channels))
+    model = NoiseModel(tuple(r.model for r in results), None, recording.source)
+    return Identification(recording, results, model, tuple(notes))
+
+
+def identify_channel(channel: Channel, recording: Recording) -> ChannelResult:
+    """Curves and model of one channel that has a still sample."""
+    series = to_series(channel, recording.start_ns)
+    model, notes = identify_series(series, channel)
+    return ChannelResult(channel, series, allan(series), model, None, notes)
+
+
+def identify_series(series: Series, channel: Channel) -> tuple[ChannelModel, tuple[str, ...]]:
+    """Noise model of one series, and what a reader should know about it."""
+    seen = series.values[series.observed]
+    empty = ChannelModel(
+        channel.name,
+        channel.topic,
+        channel.unit,
+        channel.rate_hz,
+        series.mean,
+        (),
+        None,
+        channel.duration_s,
+    )
+    if seen.size < SHORTEST:
+        return empty, (f"{seen.size} samples: too few for a noise model ({SHORTEST} are needed)",)
+    if np.all(seen == seen[0]):
+        return empty, ("constant: no noise is seen",)
+    index = np.arange(series.values.size)
+    values = np.interp(index, index[series.observed], seen)
+    values = values[: fast_length(values.size)]
+    fitted = select(ordinates(cosine_coefficients(values), series.sample_time_s))
+    effects, covariance = estimates(fitted, channel.unit)
+    model = ChannelModel(
+        channel.name,
+        channel.topic,
+        channel.unit,
+        channel.rate_hz,
+        series.mean,
+        effects,
+        covariance,
+        channel.duration_s,
+    )
+    return model, ()

@@ -85,7 +85,9 @@ def _grow(current: Fit) -> Fit:
     trials = [current]
     for kind in SOURCES:
         if _count(current.effects, kind.name) < MOST.get(kind.name, 1):
-            trials += [_refit(current, (*current.effects, s)) for s in kind.starts(current.residual)]
+            trials += [
+                _refit(current, (*current.effects, s)) for s in kind.starts(current.residual)
+            ]
     if not any(isinstance(e, ResponseEffect) for e in current.effects):
         trials += [_refit(current, (*current.effects, s)) for s in _response_starts(current)]
     return max(trials, key=worth)
@@ -147,7 +149,9 @@ def _swap(current: Fit) -> Fit:
             continue
         rest = _refit(current, _without(current, i))
         for kind in (*SLOW, Quantization):
-            if kind.name == effect.name or _count(rest.effects, kind.name) >= MOST.get(kind.name, 1):
+            if kind.name == effect.name or _count(rest.effects, kind.name) >= MOST.get(
+                kind.name, 1
+            ):
                 continue
             trials += [_refit(current, (*rest.effects, s)) for s in kind.starts(rest.residual)]
     return max(trials, key=worth)

@@ -1,0 +1,102 @@
+"""Intervals of fitted parameters: inverse information, or the profile where that is no parabola."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from imu_noise_id.model import Estimate, FittedEffect
+from imu_noise_id.recording import Floats
+from imu_noise_id.whittle import Fit, fit, parameter_vector, with_parameters
+
+QUANTILE = float(stats.norm.ppf(0.975))
+DROP = 0.5 * QUANTILE**2
+PROFILE_FROM = 0.30
+
+
+def log_covariance(fitted: Fit) -> Floats:
+    """Inverse information of the log parameters, (p, p); huge where nothing is known."""
+    J = fitted.information
+    scale = np.sqrt(np.maximum(np.diag(J), 1e-12))
+    correlation = J / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(correlation)
+    inverse = (vectors / np.maximum(values, 1e-10)) @ vectors.T
+    return np.asarray(inverse / np.outer(scale, scale))
+
+
+def estimates(fitted: Fit, unit: str) -> tuple[tuple[FittedEffect, ...], Floats]:
+    """Effects with 95 % intervals, and the covariance of their log parameters.
+
+    Parameters
+    ----------
+    fitted : Fit
+    unit : str
+        Unit of the channel.
+    """
+    covariance = log_covariance(fitted)
+    theta = parameter_vector(fitted.effects)
+    out, index = [], 0
+    for effect in fitted.effects:
+        free = effect.free()
+        row = []
+        for parameter in effect.parameters:
+            value = getattr(effect, parameter.name)
+            if parameter.name not in free:
+                row.append(Estimate(value, None, None, None, parameter.unit_for(unit)))
+                continue
+            error = float(np.sqrt(covariance[index, index]))
+            lower, upper = _interval(fitted, theta, index, error)
+            row.append(Estimate(value, error * value, lower, upper, parameter.unit_for(unit)))
+            index += 1
+        out.append(FittedEffect(effect, tuple(row)))
+    return tuple(out), covariance
+
+
+def _interval(
+    fitted: Fit, theta: Floats, index: int, error: float
+) -> tuple[float | None, float | None]:
+    if error < PROFILE_FROM and not fitted.at_limit[index]:
+        return (
+            float(np.exp(theta[index] - QUANTILE * error)),
+            float(np.exp(theta[index] + QUANTILE * error)),
+        )
+    ends = [_profile_end(fitted, theta, index, sign * max(error, 0.05)) for sign in (-1.0, 1.0)]
+    return ends[0], ends[1]
+
+
+def _profile_end(fitted: Fit, theta: Floats, index: int, step: float) -> float | None:
+    """Where the profile likelihood has dropped by 1.92, in the direction of ``step``.
+
+    None where it never does within a factor of 1e6: the data leave that side open.
+    """
+
+    def drop(at: float, start: Floats) -> tuple[float, Floats]:
+        moved = start.copy()
+        moved[index] = at
+        trial = fit(
+            with_parameters(fitted.effects, moved), fitted.ordinates, fitted.floor, (index,)
+        )
+        return fitted.log_likelihood - trial.log_likelihood - DROP, parameter_vector(trial.effects)
+
+    near, near_drop, start = theta[index], -DROP, theta
+    step = float(np.clip(step, -1.0, 1.0))
+    far = near + step
+    far_drop, far_start = drop(far, start)
+    while far_drop < 0.0:
+        near, near_drop, start = far, far_drop, far_start
+        step *= 1.6
+        far += step
+        if abs(far - theta[index]) > 14.0:
+            return None
+        far_drop, far_start = drop(far, start)
+    for _ in range(6):
+        share = np.clip(near_drop / (near_drop - far_drop), 0.1, 0.9)
+        middle = near + share * (far - near)
+        value, start = drop(middle, start)
+        if abs(value) < 0.02:
+            return float(np.exp(middle))
+        if value < 0.0:
+            near, near_drop = middle, value
+        else:
+            far, far_drop = middle, value
+    return float(np.exp(near + near_drop / (near_drop - far_drop) * (far - near)))
