@@ -1,0 +1,84 @@
+"""One sqlite3 file of a rosbag2 folder: its topics, and a topic's messages in batches."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import quote
+
+_BATCH = 20_000
+_TABLES = ("topics", "messages")
+
+
+@dataclass(frozen=True)
+class SqliteTopic:
+    """A row of the topics table; the definition is empty where the bag has none."""
+
+    id: int
+    name: str
+    type: str
+    serialization: str
+    definition: str
+    count: int
+
+
+@contextmanager
+def open_sqlite(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open read-only, running nothing that the file brings along.
+
+    Raises
+    ------
+    sqlite3.Error
+        When it is no database, or none of rosbag2.
+    """
+    with closing(sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True)) as database:
+        database.execute("PRAGMA trusted_schema=OFF")
+        database.execute("PRAGMA cell_size_check=ON")
+        tables = database.execute(
+            "SELECT name FROM sqlite_master WHERE type='table' AND sql LIKE 'CREATE TABLE%'"
+        )
+        names = {row[0] for row in tables}
+        if missing := set(_TABLES) - names:
+            raise sqlite3.DatabaseError(f"it has no table {sorted(missing)[0]}")
+        yield database
+
+
+def topics(database: sqlite3.Connection) -> list[SqliteTopic]:
+    """All topics with their message counts."""
+    definitions: dict[str, str] = {}
+    if database.execute("SELECT 1 FROM sqlite_master WHERE name='message_definitions'").fetchone():
+        definitions = dict(
+            database.execute(
+                "SELECT topic_type, encoded_message_definition FROM message_definitions "
+                "WHERE encoding='ros2msg'"
+            )
+        )
+    counts = dict(database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
+    rows = database.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id")
+    return [
+        SqliteTopic(*row, definitions.get(row[2], ""), counts.get(row[0], 0))
+        for row in rows
+        if isinstance(row[0], int) and all(isinstance(text, str) for text in row[1:])
+    ]
+
+
+def messages(
+    database: sqlite3.Connection, topic_id: int, first_ns: int | None
+) -> Iterator[tuple[list[int], list[bytes]]]:
+    """Times of reception and bytes of a topic's messages, in batches, in the order received."""
+    rows = database.execute(
+        "SELECT timestamp, data FROM messages WHERE topic_id=? AND timestamp>=? ORDER BY id",
+        (topic_id, first_ns if first_ns is not None else -(2**63)),
+    )
+    while batch := rows.fetchmany(_BATCH):
+        whole = [row for row in batch if isinstance(row[0], int) and isinstance(row[1], bytes)]
+        yield [row[0] for row in whole], [row[1] for row in whole]
+
+
+def last_ns(database: sqlite3.Connection) -> int | None:
+    """Time of reception of the last message."""
+    row = database.execute("SELECT max(timestamp) FROM messages").fetchone()
+    return int(row[0]) if row and row[0] is not None else None

@@ -1,0 +1,256 @@
+"""What the stamps of a topic say: which samples are in order, at what rate, with which gaps.
+
+A stamp is ``t_k = t_0 + dt c_k + jitter``, with whole numbers ``c_k``, the *cells* of a uniform
+grid.  A gap is a jump of ``c_k`` by more than one that lasts; jitter is a jump that comes back.
+Clock steps (a stamp that jumps back by more than a second and goes on from there, or ahead by more
+than a day) are no passage of time: what follows a step is put one missing sample behind what
+precedes it, and a note says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from imu_noise_id.recording import Mask, Stamps
+
+Cells = NDArray[np.int64]
+
+STEP_BACK_NS = 1_000_000_000
+STEP_AHEAD_NS = 86_400_000_000_000
+STRAY_SAMPLES = 3
+"""As many samples with stamps far off, between samples that join up, are strays, not a step."""
+GRID_CELLS_PER_SAMPLE = 4
+GRID_CELLS = 1 << 22
+"""A grid has no more than this many cells (and `GRID_CELLS_PER_SAMPLE` for each sample)."""
+_WINDOW = 11
+_BLOCK = 256
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The stamps of a topic, put in order.
+
+    Attributes
+    ----------
+    kept : (m,) bool
+        Which of the m messages are in order; the n are those.
+    stamp_ns : (n,) int64
+        Strictly increasing; behind a clock step shifted by a constant.
+    rate_hz : float
+        0.0 for fewer than two samples.
+    jitter_s : float
+    gaps, missing, duplicates, out_of_order : int
+        As in `recording.Quality`.
+    notes : tuple of str
+    """
+
+    kept: Mask
+    stamp_ns: Stamps
+    rate_hz: float
+    jitter_s: float
+    gaps: int
+    missing: int
+    duplicates: int
+    out_of_order: int
+    notes: tuple[str, ...] = ()
+
+
+def examine(stamp_ns: Stamps) -> Timing:
+    """Put stamps in order and describe them.
+
+    Parameters
+    ----------
+    stamp_ns : (m,) int64
+        In the order of reception.
+
+    Returns
+    -------
+    Timing
+    """
+    joined, stray, notes = join_clock_steps(stamp_ns)
+    kept, duplicates = _advancing(joined, stray)
+    late = int(kept.size - kept.sum()) - duplicates
+    ordered = joined if kept.all() else joined[kept]
+    if ordered.size < 2:
+        return Timing(kept, ordered, 0.0, 0.0, 0, 0, duplicates, late, tuple(notes))
+    period_ns = sample_period_ns(ordered)
+    cell = cells(ordered, period_ns)
+    limit = GRID_CELLS + GRID_CELLS_PER_SAMPLE * ordered.size
+    if cell[-1] > limit:
+        ordered = _shorten_gaps(ordered, cell, period_ns, limit)
+        notes.append("gaps far longer than the recording are shortened")
+        cell = cells(ordered, period_ns)
+    steps = np.diff(cell)
+    return Timing(
+        kept,
+        ordered,
+        1e9 / period_ns,
+        _jitter_ns(ordered, cell, period_ns) * 1e-9,
+        int(np.count_nonzero(steps > 1)),
+        int(cell[-1]) + 1 - cell.size,
+        duplicates,
+        late,
+        tuple(notes),
+    )
+
+
+def join_clock_steps(stamp_ns: Stamps) -> tuple[Stamps, Mask | None, list[str]]:
+    """Stamps without clock steps, which samples are strays, and notes.
+
+    Neighbours more than a second apart divide the stamps into runs; a run of a few samples whose
+    neighbours join up without it is stray.
+    """
+    steps = np.diff(stamp_ns)
+    far = (steps < -STEP_BACK_NS) | (steps > STEP_BACK_NS)
+    if not (far & ((steps < 0) | (steps > STEP_AHEAD_NS))).any():
+        return stamp_ns, None, []
+    begin = np.concatenate(([0], np.flatnonzero(far) + 1))
+    end = np.append(begin[1:], stamp_ns.size)
+    good = _without_strays(stamp_ns, begin, end)
+    stray = np.zeros(stamp_ns.size, dtype=bool)
+    for k in np.flatnonzero(~good).tolist():
+        stray[begin[k] : end[k]] = True
+    begin, end = begin[good], end[good]
+    jump = stamp_ns[begin[1:]] - stamp_ns[end[:-1] - 1]
+    stepped = (jump < 0) | (jump > STEP_AHEAD_NS)
+    period = _typical_step_ns(steps)
+    shift = np.concatenate(([0], np.cumsum(np.where(stepped, 2 * period - jump, 0))))
+    joined = stamp_ns.copy()
+    for k in np.flatnonzero(shift).tolist():
+        joined[begin[k] : end[k]] += shift[k]
+    notes = []
+    if count := int(stepped.sum()):
+        largest = jump[stepped][np.argmax(np.abs(jump[stepped]))] * 1e-9
+        times = "once" if count == 1 else f"{count} times"
+        notes.append(
+            f"the clock was set {times}, by up to {largest:+.6g} s; what follows is joined to what "
+            "precedes"
+        )
+    return joined, stray, notes
+
+
+def _without_strays(stamp_ns: Stamps, begin: Cells, end: Cells) -> Mask:
+    """Which runs to keep."""
+    good = np.ones(begin.size, dtype=bool)
+    last = int(stamp_ns[end[0] - 1])
+    for k in range(1, begin.size - 1):
+        here, after = int(stamp_ns[begin[k]]), int(stamp_ns[begin[k + 1]])
+        goes_on = 0 < after - last <= STEP_AHEAD_NS
+        astray = here < last or here > after
+        if end[k] - begin[k] <= STRAY_SAMPLES and goes_on and astray:
+            good[k] = False
+        else:
+            last = int(stamp_ns[end[k] - 1])
+    return good
+
+
+def _typical_step_ns(steps: Stamps) -> int:
+    ahead = steps[(steps > 0) & (steps < STEP_AHEAD_NS)]
+    return int(np.median(ahead)) if ahead.size else 1
+
+
+def _advancing(stamp_ns: Stamps, stray: Mask | None) -> tuple[Mask, int]:
+    """Samples stamped later than all before them, and how many of the others repeat a stamp."""
+    kept = np.ones(stamp_ns.size, dtype=bool)
+    if stray is not None:
+        kept &= ~stray
+    if stray is None and (stamp_ns[1:] > stamp_ns[:-1]).all():
+        return kept, 0
+    usable = np.flatnonzero(kept)
+    newest = np.maximum.accumulate(stamp_ns[usable])
+    kept[usable[1:]] = stamp_ns[usable[1:]] > newest[:-1]
+    left_out = stamp_ns[~kept]
+    return kept, int(np.isin(left_out, stamp_ns[kept]).sum())
+
+
+def sample_period_ns(stamp_ns: Stamps) -> float:
+    """Time between neighbouring samples where none is missing.
+
+    The median step gives the first guess, and where the samples come in bursts the mean step; the
+    slope of the stamps over their cells, fitted within gapless stretches, gives the value.
+    """
+    steps = np.diff(stamp_ns)
+    period = float(np.median(steps))
+    lost = np.rint(steps / period)
+    if np.mean(lost > 1.5) > 0.02 and lost.sum() > 3.0 * steps.size:
+        period = float(np.mean(steps[steps <= np.quantile(steps, 0.999)]))
+    for _ in range(2):
+        period = _slope_ns(stamp_ns, cells(stamp_ns, period), period)
+    return period
+
+
+def cells(stamp_ns: Stamps, period_ns: float) -> Cells:
+    """Cell of each sample on the uniform grid, the first in cell 0, strictly increasing.
+
+    Where a step is not within half a period of one period, the lag of the stamps behind the count
+    of samples decides: a median over 11 samples of it jumps at a gap and not at jitter.
+    """
+    cell = np.arange(stamp_ns.size)
+    steps = np.diff(stamp_ns)
+    odd = np.flatnonzero(np.abs(steps - period_ns) > 0.5 * period_ns)
+    if odd.size == 0:
+        return cell
+    for begin, end in _neighbourhoods(odd, stamp_ns.size):
+        lag = (stamp_ns[begin:end] - stamp_ns[begin]) / period_ns - np.arange(end - begin)
+        smooth = median_filter(lag, _WINDOW, mode="nearest") if lag.size > 2 else lag
+        lost = np.rint(np.diff(smooth)).astype(np.int64)
+        np.maximum(lost, 0, out=lost)
+        cell[begin + 1 : end] += np.cumsum(lost)
+        cell[end:] += int(lost.sum())
+    return cell
+
+
+def _neighbourhoods(odd: Cells, size: int) -> list[tuple[int, int]]:
+    """Stretches of samples about the odd steps, none touching another."""
+    reach = 2 * _WINDOW
+    split = np.flatnonzero(np.diff(odd) > 2 * reach) + 1
+    first = odd[np.concatenate(([0], split))] - reach
+    last = odd[np.concatenate((split - 1, [odd.size - 1]))] + reach + 2
+    return list(zip(np.maximum(first, 0).tolist(), np.minimum(last, size).tolist(), strict=True))
+
+
+def _slope_ns(stamp_ns: Stamps, cell: Cells, period_ns: float) -> float:
+    """Least-squares period within gapless stretches; the guess where there is none."""
+    edge = np.concatenate(([0], np.flatnonzero(np.diff(cell) > 1) + 1))
+    count = np.diff(np.append(edge, cell.size))
+    residual = (stamp_ns - stamp_ns[0]) - cell * period_ns
+    x = np.arange(cell.size) - np.repeat(edge + (count - 1) / 2.0, count)
+    y = residual - np.repeat(np.add.reduceat(residual, edge) / count, count)
+    weight = float(x @ x)
+    slope = period_ns + float(x @ y) / weight if weight > 0 else period_ns
+    return slope if 0.5 * period_ns < slope < 2.0 * period_ns else period_ns
+
+
+def _jitter_ns(stamp_ns: Stamps, cell: Cells, period_ns: float) -> float:
+    """Standard deviation of the stamps about straight lines through blocks of 256 samples.
+
+    The lines follow a clock that drifts.
+    """
+    residual = (stamp_ns - stamp_ns[0]) - cell * period_ns
+    size = min(_BLOCK, residual.size)
+    if size < 3:
+        return 0.0
+    blocks = residual[: residual.size // size * size].reshape(-1, size)
+    x = np.arange(size) - (size - 1) / 2.0
+    blocks = blocks - blocks.mean(axis=1, keepdims=True)
+    blocks = blocks - np.outer(blocks @ x / (x @ x), x)
+    return float(np.sqrt(np.median((blocks**2).sum(axis=1)) / (size - 2)))
+
+
+def _shorten_gaps(stamp_ns: Stamps, cell: Cells, period_ns: float, limit: int) -> Stamps:
+    """Cut the longest gaps to one length so that the grid has `limit` cells."""
+    lost = np.diff(cell) - 1
+    longest = np.sort(lost)[::-1]
+    room = limit - cell.size
+    total = np.cumsum(longest)
+    rest = int(lost.sum()) - total
+    count = np.arange(1, longest.size + 1)
+    length = (room - rest) // count
+    fitting = np.flatnonzero((length >= 0) & (length <= longest))
+    cut = int(length[fitting[0]]) if fitting.size else 0
+    excess = np.where(lost > cut, lost - cut, 0)
+    return stamp_ns - np.concatenate(([0], np.cumsum(np.rint(excess * period_ns)))).astype(np.int64)
