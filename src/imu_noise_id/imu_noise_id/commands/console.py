@@ -1,0 +1,116 @@
+"""What every command shares: arguments, errors as one line, progress on a terminal only."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Iterator
+from typing import NoReturn
+
+from imu_noise_id.errors import InputError
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+
+class Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, and where the examples are."""
+
+    def __init__(self, command: str, purpose: str, examples: str) -> None:
+        super().__init__(
+            prog=f"ros2 run {command}",
+            description=purpose,
+            epilog=f"examples:\n{examples}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line on stderr and exit 2."""
+        print(f"error: {message} (--help shows examples)", file=sys.stderr)
+        raise SystemExit(BAD_INPUT)
+
+
+def run(
+    parser: argparse.ArgumentParser,
+    work: Callable[[argparse.Namespace], int | None],
+    arguments: list[str] | None,
+) -> int:
+    """Parse, work, and turn what a user can cause into one line on stderr and exit 2."""
+    _complete(parser)
+    try:
+        status = work(parser.parse_args(arguments)) or 0
+        sys.stdout.flush()
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except MemoryError:
+        print("error: not enough memory: use --last to read less", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        # the reader of our output went away (| head): nothing is left to be said
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    else:
+        return status
+    return 0
+
+
+def _complete(parser: argparse.ArgumentParser) -> None:
+    """Shell completion where argcomplete is installed and asks."""
+    if "_ARGCOMPLETE" in os.environ:
+        with contextlib.suppress(ImportError):
+            import argcomplete
+
+            argcomplete.autocomplete(parser)
+
+
+def positive(text: str) -> float:
+    """Return a finite number above zero, for argparse."""
+    number = float(text)
+    if not 0.0 < number < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be a number above 0, not '{text}'")
+    return number
+
+
+positive.__name__ = "number"
+
+
+def seed(text: str) -> int:
+    """Return a whole number from zero, for argparse."""
+    number = int(text)
+    if number < 0:
+        raise argparse.ArgumentTypeError(f"must be 0 or more, not '{text}'")
+    return number
+
+
+seed.__name__ = "whole number"
+
+
+@contextlib.contextmanager
+def progress(total: int, what: str) -> Iterator[Callable[[str], None]]:
+    """Yield a function that tells of a step done: a bar with time left, on a terminal only."""
+    if not sys.stderr.isatty():
+        yield lambda step: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import TimeRemainingColumn as TimeLeft
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeLeft())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=total)
+
+        def advance(step: str) -> None:
+            bar.update(task, advance=1, description=step)
+
+        yield advance
+
+
+def warn(notes: tuple[str, ...] | list[str]) -> None:
+    """Print notes on stderr, one line each."""
+    for note in notes:
+        print(f"note: {' '.join(note.split())}", file=sys.stderr)

@@ -1,0 +1,62 @@
+"""``ros2 run imu_noise_id simulate``: a bag in which a model plays."""
+
+from __future__ import annotations
+
+import argparse
+
+from imu_noise_id.commands.console import Parser, positive, run, seed, warn
+
+_EXAMPLES = """\
+  ros2 run imu_noise_id simulate --model out/model.yaml --duration 600 --seed 1 --output sim
+  ros2 run imu_noise_id identify --bag sim --output out_sim
+"""
+
+
+def parser() -> Parser:
+    """Return the command's arguments."""
+    arguments = Parser(
+        "imu_noise_id simulate",
+        "Write a bag in which a noise model plays: every channel at its own rate, mean included; "
+        "steps, bursts and the temperature come at their recorded times.",
+        _EXAMPLES,
+    )
+    arguments.add_argument(
+        "--model", required=True, metavar="MODEL.yaml", help="model of identify, or typed by hand"
+    )
+    arguments.add_argument(
+        "--duration", required=True, type=positive, metavar="S", help="length of the bag, seconds"
+    )
+    arguments.add_argument(
+        "--seed", required=True, type=seed, metavar="N", help="the same seed gives the same bag"
+    )
+    arguments.add_argument("--output", required=True, metavar="BAG", help="rosbag2 folder to write")
+    return arguments
+
+
+def work(options: argparse.Namespace) -> None:
+    """Load, simulate, write."""
+    import numpy as np
+
+    from imu_noise_id.bags import write_recording
+    from imu_noise_id.errors import InputError
+    from imu_noise_id.model_file import load_model
+    from imu_noise_id.simulate import simulate_recording
+
+    model = load_model(options.model)
+    rng = np.random.default_rng(options.seed)
+    try:
+        recording = simulate_recording(model, options.duration, rng)
+    except ValueError as error:
+        raise InputError(f"{options.model}: {error}: simulate longer") from error
+    write_recording(recording, options.output)
+    warn(recording.notes)
+    samples = sum(channel.values.size for channel in recording.channels)
+    print(
+        f"{options.output}: {len(recording.channels)} channels, {samples} samples, "
+        f"{options.duration:g} s"
+    )
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command."""
+    return run(parser(), work, arguments)
