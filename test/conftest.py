@@ -12,14 +12,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-LIVE = ("integration", "faults")
 LAST_DOMAIN = 101  # beyond, DDS's ports run into those that Linux gives to outgoing connections
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Keep all tests with live nodes on one xdist worker: they need a core to be in time."""
     for item in items:
-        if item.path.relative_to(ROOT / "test").parts[0] in LIVE:
+        if "ros_domain_id" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.xdist_group("live"))
 
 
@@ -62,17 +61,13 @@ def ros_domain_id() -> Iterator[int]:
 
 
 @pytest.fixture
-def ros_env(
-    workspace_env: dict[str, str], ros_domain_id: int, tmp_path: Path
-) -> dict[str, str]:
+def ros_env(workspace_env: dict[str, str], ros_domain_id: int, tmp_path: Path) -> dict[str, str]:
     """Return the environment for nodes that a test starts as processes: a domain of their own."""
     return workspace_env | ros_settings(ros_domain_id, tmp_path)
 
 
 @pytest.fixture
-def ros_here(
-    ros_domain_id: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> int:
+def ros_here(ros_domain_id: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> int:
     """Put this process on a ROS domain of its own before it calls ``rclpy.init``; return the id."""
     for name, value in ros_settings(ros_domain_id, tmp_path).items():
         monkeypatch.setenv(name, value)

@@ -13,7 +13,9 @@ setup(
     maintainer_email="maintainers@imu-noise-id.org",
     license="Apache-2.0",
     packages=find_packages(include=[package, f"{package}.*"]),
-    package_data={package: ["**/*.html", "**/*.css", "**/*.js", "**/*.yaml", "**/*.json", "**/*.j2"]},
+    package_data={
+        package: ["**/*.html", "**/*.css", "**/*.js", "**/*.yaml", "**/*.json", "**/*.j2"]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),

@@ -8,12 +8,14 @@ commands = ["fuse", "budget", "play"]
 setup(
     name=package,
     version="0.1.0",
-    description="Fuse IMU and GNSS on an identified noise model; error budgets; replay of recordings",
+    description="Fuse IMU and GNSS on an identified noise model; error budgets; replay of bags",
     maintainer="imu_noise_id maintainers",
     maintainer_email="maintainers@imu-noise-id.org",
     license="Apache-2.0",
     packages=find_packages(include=[package, f"{package}.*"]),
-    package_data={package: ["**/*.html", "**/*.css", "**/*.js", "**/*.yaml", "**/*.json", "**/*.j2"]},
+    package_data={
+        package: ["**/*.html", "**/*.css", "**/*.js", "**/*.yaml", "**/*.json", "**/*.j2"]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),

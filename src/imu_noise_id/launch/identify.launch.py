@@ -1,7 +1,7 @@
 """Run the identify node, and play a recording beside it where one is given.
 
-    ros2 launch imu_noise_id identify.launch.py
-    ros2 launch imu_noise_id identify.launch.py bag:=/path/to/bag rate:=10.0
+``ros2 launch imu_noise_id identify.launch.py``
+``ros2 launch imu_noise_id identify.launch.py bag:=/path/to/bag rate:=10.0``
 """
 
 from launch import LaunchDescription

@@ -1,7 +1,7 @@
 """Run the fuse node, and play a recording beside it where one is given.
 
-    ros2 launch nav_fusion fuse.launch.py
-    ros2 launch nav_fusion fuse.launch.py bag:=/path/to/bag rate:=1.0
+``ros2 launch nav_fusion fuse.launch.py``
+``ros2 launch nav_fusion fuse.launch.py bag:=/path/to/bag rate:=1.0``
 """
 
 from launch import LaunchDescription
