@@ -71,12 +71,12 @@ def to_recording(
         if timing.stamp_ns.size < 2:
             said.append(_too_few(columns))
             continue
+        ordered = columns
         if not timing.kept.all():
-            columns = replace(columns, values=columns.values[:, timing.kept])
+            ordered = replace(columns, values=columns.values[:, timing.kept])
         if columns.type == cdr.NAV_SAT_FIX:
-            claim = _claim(columns, timing)
-        samples.append(_samples(columns, timing))
-    samples = [s for s in samples if s.names]
+            claim = _claim(ordered, timing)
+        samples.append(_samples(ordered, timing))
     field_of, imu = _of_kind(samples, "magnetic_field.x"), _of_kind(samples, "angular_velocity.x")
     if field_of and imu:
         samples.append(_heading_samples(field_of, imu))

@@ -16,7 +16,7 @@ from imu_noise_id.errors import InputError
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-METADATA_LIMIT = 4 << 20
+METADATA_LIMIT = 1 << 20
 UNPACKED_LIMIT = 100
 """A compressed file may unpack to this many times its size (and 64 MiB)."""
 
@@ -71,11 +71,12 @@ def open_bag_files(bag: str | Path) -> Iterator[BagFiles]:
     with ExitStack() as stack:
         folder: Path | None = None
         paths = []
-        for name in names:
-            if _magic(name).startswith(ZSTD_MAGIC):
-                folder = folder or Path(stack.enter_context(tempfile.TemporaryDirectory()))
-                name = _unpacked(name, folder / name.stem)
-            paths.append(name)
+        for k, file in enumerate(names):
+            if not _magic(file).startswith(ZSTD_MAGIC):
+                paths.append(file)
+                continue
+            folder = folder or Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            paths.append(_unpacked(file, folder / f"{k}-{file.stem}"))
         yield BagFiles(str(bag), tuple(paths), "zstd" if mode == "message" else "", notes)
 
 
@@ -93,31 +94,32 @@ def _listed(folder: Path) -> tuple[list[Path], str, tuple[str, ...]]:
             "file ('ros2 bag reindex' makes the metadata anew)"
         )
     try:
-        information = _information(metadata)
+        listed, mode = _information(metadata)
     except ValueError as error:
         if len(loose) != 1:
             raise InputError(f"{metadata}: {error}; 'ros2 bag reindex' makes it anew") from error
         note = f"{metadata}: {error}; {loose[0].name} beside it is read"
         return [_inside(folder, loose[0].name)], "", (note,)
-    mode = str(information.get("compression_mode") or "").lower()
-    return [_inside(folder, n) for n in information["relative_file_paths"]], mode, ()
+    return [_inside(folder, name) for name in listed], mode, ()
 
 
-def _information(metadata: Path) -> dict[str, object] | dict[str, list[str]]:
-    """The content of metadata.yaml; ValueError says what is wrong with it."""
+def _information(metadata: Path) -> tuple[list[str], str]:
+    """File names and compression mode of metadata.yaml; ValueError says what is wrong with it."""
     with metadata.open("rb") as file:
         text = file.read(METADATA_LIMIT + 1)
     if len(text) > METADATA_LIMIT:
         raise ValueError(f"longer than {METADATA_LIMIT} bytes")
     try:
-        content = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        content = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise ValueError("not readable as YAML") from error
     information = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
-    names = information.get("relative_file_paths") if isinstance(information, dict) else None
-    if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
+    if not isinstance(information, dict):
         raise ValueError("not the metadata of a rosbag2 folder")
-    return information
+    names = information.get("relative_file_paths")
+    if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
+        raise ValueError("it names no file")
+    return names, str(information.get("compression_mode") or "").lower()
 
 
 def _inside(folder: Path, name: str) -> Path:

@@ -1,4 +1,4 @@
-"""Bags to recordings.
+"""Bags to recordings and back.
 
 A bag is a rosbag2 folder (MCAP or sqlite3, split or not, compressed in any of rosbag2's ways) or
 one ``.mcap`` file.  Chunks are unpacked and decoded as arrays, on several threads because unpacking
@@ -23,6 +23,7 @@ import numpy as np
 from imu_noise_id import mcap_file, sqlite_file
 from imu_noise_id.assemble import to_recording
 from imu_noise_id.bag_files import SQLITE_MAGIC, BagFiles, open_bag_files
+from imu_noise_id.bag_writer import write_recording
 from imu_noise_id.cdr import LAYOUTS, Bytes, Decoded, decode, decode_batch
 from imu_noise_id.columns import ColumnBuffer, TopicColumns
 from imu_noise_id.definitions import is_standard
@@ -214,7 +215,7 @@ class McapSource:
         return work
 
     def _decode(self, msgtype: str, chunk: Bytes, messages: ChannelMessages) -> Decoded:
-        if not self.message_compression:
+        if self.message_compression == "":
             return decode(msgtype, chunk, messages.start, messages.size)
         ends = messages.start + messages.size
         packed = [
@@ -286,9 +287,8 @@ class SqliteSource:
                 if topic.name not in buffers:
                     continue
                 for times, data in sqlite_file.messages(self.database, topic.id, first_ns):
-                    if self.message_compression:
-                        data = [_unpacked(m, self.message_compression) for m in data]
-                    decoded = decode_batch(topic.type, data)
+                    whole = [_unpacked(m, self.message_compression) for m in data]
+                    decoded = decode_batch(topic.type, whole)
                     buffers[topic.name].append(decoded, np.array(times, np.int64))
         except sqlite3.Error as error:
             return [f"{self.path}: damaged ({error}); what is whole before it is read"]
@@ -360,4 +360,4 @@ def ordered_map(work: Callable[[T], R], items: Sequence[T], threads: int) -> Ite
             yield pending.popleft().result()
 
 
-__all__ = ["list_topics", "listing", "read_recording", "read_topics"]
+__all__ = ["list_topics", "listing", "read_recording", "read_topics", "write_recording"]

@@ -1,4 +1,4 @@
-"""Message definitions: does a bag mean by a type's name what the standard does?"""
+"""Message definitions: whether a bag means by a type's name what the standard does."""
 
 from __future__ import annotations
 
@@ -37,8 +37,9 @@ TEXTS: Mapping[str, str] = {
 }
 """Members of the standard types (common_interfaces, ROS 2 Jazzy), comments left out."""
 
+_WHOLE = [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)]
 _PRIMITIVES = frozenset(
-    ["bool", "byte", "char", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64", "string", "wstring"]
+    (*_WHOLE, "bool", "byte", "char", "float32", "float64", "string", "wstring")
 )
 _MEMBER = re.compile(r"([\w/]+)(\[[^\]]*\])?\s+([a-z]\w*)(\s.*)?")
 _SEPARATOR = re.compile(r"^=+\s*$", re.MULTILINE)
@@ -72,8 +73,7 @@ def is_standard(msgtype: str, text: str) -> bool:
 def _members(text: str) -> list[tuple[str, str, str]]:
     """Type, array suffix and name of each member; a constant is none."""
     found = []
-    for line in text.splitlines():
-        line = line.split("#")[0].strip()
+    for line in (row.split("#")[0].strip() for row in text.splitlines()):
         match = _MEMBER.fullmatch(line)
         if match and not (match[4] or "").lstrip().startswith("="):
             found.append((match[1], match[2] or "", match[3]))

@@ -313,7 +313,7 @@ def walk(chunk: Bytes, begin: int, end: int) -> Iterator[tuple[int, int, int]]:
         At the first record that does not fit.
     """
     head = struct.Struct("<BQ")
-    data = memoryview(chunk)
+    data = chunk.data
     while begin < end:
         if begin + _RECORD_HEAD > end:
             raise DamagedError("a chunk ends in the middle of a record")
@@ -368,7 +368,7 @@ def _indexed_bodies(file: BinaryIO, span: Span, chunk: Bytes) -> Positions | Non
     if stated.size == 0 or int(stated[-1]) > chunk.size - _RECORD_HEAD - _MESSAGE_HEAD:
         return None
     entry = stated.astype(np.int64)
-    size = gather(chunk, "<u8", entry + 1)
+    size = gather(chunk, "<u8", entry + 1).astype(np.uint64)
     if (size > chunk.size).any() or (gather(chunk, "u1", entry) != _MESSAGE).any():
         return None
     begin = np.append(entry, chunk.size)

@@ -59,7 +59,9 @@ def topics(database: sqlite3.Connection) -> list[SqliteTopic]:
     counts = dict(database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
     rows = database.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id")
     return [
-        SqliteTopic(*row, definitions.get(row[2], ""), counts.get(row[0], 0))
+        SqliteTopic(
+            row[0], row[1], row[2], row[3], definitions.get(row[2], ""), counts.get(row[0], 0)
+        )
         for row in rows
         if isinstance(row[0], int) and all(isinstance(text, str) for text in row[1:])
     ]
