@@ -1,4 +1,4 @@
-"""`source env.sh`: from anywhere, under strict shells, and nothing for other Pythons to trip over."""
+"""`source env.sh`: from anywhere, under strict shells, and other Pythons stay as they were."""
 
 from __future__ import annotations
 
