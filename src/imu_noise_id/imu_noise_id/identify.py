@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imu_noise_id.allan import AllanCurve, allan
-from imu_noise_id.intervals import estimates
+from imu_noise_id.estimation import estimate_series
 from imu_noise_id.model import ChannelModel, NoiseModel
-from imu_noise_id.ordinates import cosine_coefficients, fast_length, ordinates
 from imu_noise_id.recording import Channel, Recording
-from imu_noise_id.selection import select
 from imu_noise_id.series import Series, to_series
 
 if TYPE_CHECKING:
@@ -125,19 +123,16 @@ def identify_series(series: Series, channel: Channel) -> tuple[ChannelModel, tup
         return empty, (f"{seen.size} samples: too few for a noise model ({SHORTEST} are needed)",)
     if np.all(seen == seen[0]):
         return empty, ("constant: no noise is seen",)
-    index = np.arange(series.values.size)
-    values = np.interp(index, index[series.observed], seen)
-    values = values[: fast_length(values.size)]
-    fitted = select(ordinates(cosine_coefficients(values), series.sample_time_s))
-    effects, covariance = estimates(fitted, channel.unit)
+    found = estimate_series(series, channel.unit)
     model = ChannelModel(
         channel.name,
         channel.topic,
         channel.unit,
         channel.rate_hz,
-        series.mean,
-        effects,
-        covariance,
+        found.mean,
+        found.effects,
+        found.log_covariance,
         channel.duration_s,
+        found.bounds,
     )
-    return model, ()
+    return model, found.notes

@@ -11,6 +11,7 @@ from imu_noise_id.whittle import Fit, fit, parameter_vector, with_parameters
 
 QUANTILE = float(stats.norm.ppf(0.975))
 DROP = 0.5 * QUANTILE**2
+ONE_SIDED_DROP = 0.5 * float(stats.norm.ppf(0.95)) ** 2
 PROFILE_FROM = 0.30
 
 
@@ -64,8 +65,18 @@ def _interval(
     return ends[0], ends[1]
 
 
-def _profile_end(fitted: Fit, theta: Floats, index: int, step: float) -> float | None:
-    """Where the profile likelihood has dropped by 1.92, in the direction of ``step``.
+def upper_end(fitted: Fit, log_strength: float) -> float | None:
+    """Upper 95 % limit of the first parameter of the last effect, by the profile."""
+    index = parameter_vector(fitted.effects).size - len(fitted.effects[-1].free())
+    theta = parameter_vector(fitted.effects)
+    theta[index] = log_strength
+    return _profile_end(fitted, theta, index, 0.3, ONE_SIDED_DROP)
+
+
+def _profile_end(
+    fitted: Fit, theta: Floats, index: int, step: float, allowed: float = DROP
+) -> float | None:
+    """Where the profile likelihood has dropped by ``allowed``, in the direction of ``step``.
 
     None where it never does within a factor of 1e6: the data leave that side open.
     """
@@ -73,12 +84,13 @@ def _profile_end(fitted: Fit, theta: Floats, index: int, step: float) -> float |
     def drop(at: float, start: Floats) -> tuple[float, Floats]:
         moved = start.copy()
         moved[index] = at
-        trial = fit(
-            with_parameters(fitted.effects, moved), fitted.ordinates, fitted.floor, (index,)
+        effects = with_parameters(fitted.effects, moved)
+        trial = fit(effects, fitted.ordinates, fitted.floor, (index,))
+        return fitted.log_likelihood - trial.log_likelihood - allowed, parameter_vector(
+            trial.effects
         )
-        return fitted.log_likelihood - trial.log_likelihood - DROP, parameter_vector(trial.effects)
 
-    near, near_drop, start = theta[index], -DROP, theta
+    near, near_drop, start = theta[index], -allowed, theta
     step = float(np.clip(step, -1.0, 1.0))
     far = near + step
     far_drop, far_start = drop(far, start)

@@ -99,8 +99,11 @@ def fast_length(n: int) -> int:
     return max(smooth, default=n)
 
 
-def bin_edges(n: int, sample_time_s: float) -> np.ndarray:
-    """First ordinate of each bin, and n: single ordinates, then log bins, then linear ones."""
+def bin_edges(n: int, sample_time_s: float, peaks_hz: tuple[float, ...] = ()) -> np.ndarray:
+    """First ordinate of each bin, and n: single ordinates, then log bins, then linear ones.
+
+    About each of ``peaks_hz`` the bins are single ordinates again that widen with the distance.
+    """
     spacing_hz = 1.0 / (2.0 * n * sample_time_s)
     linear_from = int(LINEAR_FROM_HZ / spacing_hz)
     linear_width = max(1, int(LINEAR_WIDTH_HZ / spacing_hz))
@@ -114,8 +117,11 @@ def bin_edges(n: int, sample_time_s: float) -> np.ndarray:
         linear = np.arange(log[-1] + linear_width, n, linear_width)
     else:
         linear = np.zeros(0, dtype=np.int64)
-    edges = np.concatenate((single, log[log < n], linear[linear < n], [n]))
-    return np.unique(edges)
+    away = np.unique(np.rint(np.concatenate((np.arange(32), 32 * 1.05 ** np.arange(200)))))
+    away = away[away <= 2 * linear_width].astype(np.int64)
+    fine = [int(f / spacing_hz) + side * away for f in peaks_hz for side in (-1, 1)]
+    inside = [part[(part >= 1) & (part < n)] for part in (single, log, linear, *fine)]
+    return np.unique(np.concatenate((*inside, [n])))
 
 
 def cosine_coefficients(values: Floats) -> Floats:
@@ -123,7 +129,9 @@ def cosine_coefficients(values: Floats) -> Floats:
     return np.asarray(fft.dct(values - values[0], norm="ortho"))
 
 
-def ordinates(coefficients: Floats, sample_time_s: float) -> Ordinates:
+def ordinates(
+    coefficients: Floats, sample_time_s: float, peaks_hz: tuple[float, ...] = ()
+) -> Ordinates:
     """Bin the squared DCT-II coefficients of a complete record.
 
     Parameters
@@ -131,9 +139,11 @@ def ordinates(coefficients: Floats, sample_time_s: float) -> Ordinates:
     coefficients : (n,) float64
         From :func:`cosine_coefficients`, n >= 3.
     sample_time_s : float
+    peaks_hz : tuple of float
+        Where narrow peaks ask for narrow bins.
     """
     n = coefficients.size
-    edges = bin_edges(n, sample_time_s)
+    edges = bin_edges(n, sample_time_s, peaks_hz)
     count = np.diff(edges).astype(float)
     power = np.add.reduceat(coefficients[: edges[-1]] ** 2, edges[:-1]) * (sample_time_s / count)
     middle = 0.5 * (edges[:-1] + edges[1:] - 1)

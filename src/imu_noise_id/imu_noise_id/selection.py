@@ -52,7 +52,12 @@ def white_start(ordinates: Ordinates) -> WhiteNoise:
     return WhiteNoise(float(np.sqrt(max(ordinates.power[middle], np.finfo(float).tiny))))
 
 
-def select(ordinates: Ordinates, floor: float = 0.0) -> Fit:
+def select(
+    ordinates: Ordinates,
+    floor: float = 0.0,
+    start: tuple[Effect, ...] = (),
+    sources: tuple[type[StochasticEffect], ...] = SOURCES,
+) -> Fit:
     """Choose the effects of a spectrum and fit them.
 
     Parameters
@@ -60,31 +65,35 @@ def select(ordinates: Ordinates, floor: float = 0.0) -> Fit:
     ordinates : Ordinates
     floor : float
         Known white spectrum beneath everything.
+    start : tuple of Effect
+        Where the search begins; white noise when empty.
+    sources : tuple of type
+        Kinds that may be added.
 
     Returns
     -------
     Fit
     """
-    best = fit((white_start(ordinates),), ordinates, floor)
+    best = fit(start or (white_start(ordinates),), ordinates, floor)
     for _ in range(20):
-        grown = _grow(best)
+        grown = _grow(best, sources)
         if worth(grown) <= worth(best) + 1e-3:
             grown = _swap(best)
         if worth(grown) <= worth(best) + 1e-3:
             return best
-        best = _prune(grown)
+        best = prune(grown)
     return best
 
 
-def _count(effects: tuple[Effect, ...], name: str) -> int:
-    return sum(e.name == name for e in effects)
+def _may_have(effects: tuple[Effect, ...], kind: type[StochasticEffect]) -> bool:
+    return sum(e.name == kind.name for e in effects) < MOST.get(kind.name, 1)
 
 
-def _grow(current: Fit) -> Fit:
+def _grow(current: Fit, sources: tuple[type[StochasticEffect], ...]) -> Fit:
     """Best fit with one effect more, or the current one."""
     trials = [current]
-    for kind in SOURCES:
-        if _count(current.effects, kind.name) < MOST.get(kind.name, 1):
+    for kind in sources:
+        if _may_have(current.effects, kind):
             trials += [
                 _refit(current, (*current.effects, s)) for s in kind.starts(current.residual)
             ]
@@ -122,7 +131,7 @@ def _without(current: Fit, index: int) -> tuple[Effect, ...]:
     return current.effects[:index] + current.effects[index + 1 :]
 
 
-def _prune(current: Fit) -> Fit:
+def prune(current: Fit) -> Fit:
     """Leave out, one at a time, what is not worth its price."""
     while len(current.effects) > LEAST_EFFECTS:
         fewer = [
@@ -149,9 +158,7 @@ def _swap(current: Fit) -> Fit:
             continue
         rest = _refit(current, _without(current, i))
         for kind in (*SLOW, Quantization):
-            if kind.name == effect.name or _count(rest.effects, kind.name) >= MOST.get(
-                kind.name, 1
-            ):
+            if kind.name == effect.name or not _may_have(rest.effects, kind):
                 continue
             trials += [_refit(current, (*rest.effects, s)) for s in kind.starts(rest.residual)]
     return max(trials, key=worth)

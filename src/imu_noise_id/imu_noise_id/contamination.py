@@ -1,0 +1,132 @@
+"""What is not noise of the source: rounding and outliers, read from the samples themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from imu_noise_id.effects.outliers import THRESHOLD, Outliers, outlier_parameters
+from imu_noise_id.effects.output_rounding import OutputRounding, rounding_step
+from imu_noise_id.model import Estimate, FittedEffect
+from imu_noise_id.recording import Floats, Mask
+from imu_noise_id.series import Series
+
+MEDIAN_OVER_S = 2.0
+LEAST_PER_BLOCK = 16
+MOST_HIT = 0.05
+BY_CHANCE = 1e-4
+COARSEST = 2.0
+"""Steps beyond this many standard deviations of the fast noise are not white any more."""
+
+
+@dataclass(frozen=True)
+class Contamination:
+    """What contaminates the samples of one series.
+
+    Attributes
+    ----------
+    observed : (n,) bool
+        Samples that were recorded and are no outliers.
+    effects : tuple of FittedEffect
+        ``outliers`` and ``output_rounding`` where they are there.
+    floor : float
+        Two-sided white spectrum that the rounding adds, unit^2/Hz.
+    notes : tuple of str
+    """
+
+    observed: Mask
+    effects: tuple[FittedEffect, ...]
+    floor: float
+    notes: tuple[str, ...]
+
+
+def find_contamination(series: Series, unit: str) -> Contamination:
+    """Outliers and rounding of a series.
+
+    Parameters
+    ----------
+    series : Series
+    unit : str
+        Unit of the channel.
+    """
+    seen = series.values[series.observed]
+    deviation = deviation_from_medians(seen, series.sample_time_s)
+    sigma = robust_sigma(deviation)
+    rounded = _rounding(seen, sigma, series.sample_time_s, unit)
+    hit = np.abs(deviation) > THRESHOLD * max(sigma, rounded.step)
+    observed = series.observed
+    effects: tuple[FittedEffect, ...] = rounded.effects
+    notes = rounded.notes
+    if sigma > 0.0 and _are_outliers(hit, deviation, sigma):
+        observed = observed.copy()
+        observed[np.flatnonzero(series.observed)[hit]] = False
+        effects = (_outliers(deviation[hit], seen.size, sigma, unit), *effects)
+    elif hit.mean() > MOST_HIT:
+        notes = (*notes, "far from Gaussian: many samples lie beyond 5 standard deviations")
+    return Contamination(observed, effects, rounded.floor, notes)
+
+
+def deviation_from_medians(seen: Floats, sample_time_s: float) -> Floats:
+    """Samples less the course of their 2 s medians, (m,)."""
+    size = max(LEAST_PER_BLOCK, round(MEDIAN_OVER_S / sample_time_s))
+    count = seen.size // size
+    if count < 2:
+        return seen - np.median(seen)
+    medians = np.median(seen[: count * size].reshape(count, size), axis=1)
+    centres = (np.arange(count) + 0.5) * size - 0.5
+    return np.asarray(seen - np.interp(np.arange(seen.size), centres, medians))
+
+
+def robust_sigma(deviation: Floats) -> float:
+    """1.4826 times the median absolute deviation; the standard deviation where that is zero."""
+    sigma = 1.4826 * float(np.median(np.abs(deviation)))
+    return sigma if sigma > 0.0 else float(np.std(deviation))
+
+
+def _are_outliers(hit: Mask, deviation: Floats, sigma: float) -> bool:
+    """Whether the hits are more, or larger, than Gaussian samples explain, and come singly."""
+    where = np.flatnonzero(hit)
+    if where.size == 0 or where.size > MOST_HIT * hit.size:
+        return False
+    expected = 2.0 * stats.norm.sf(THRESHOLD) * hit.size
+    largest = float(np.abs(deviation).max()) / sigma
+    by_number = stats.poisson.sf(where.size - 1, expected)
+    by_size = hit.size * 2.0 * stats.norm.sf(largest)
+    apart = 1 + int(np.sum(np.diff(where) > 5))
+    return bool(min(by_number, by_size) < BY_CHANCE and 2 * apart > where.size)
+
+
+def _outliers(hits: Floats, samples: int, sigma: float, unit: str) -> FittedEffect:
+    rate, scale = outlier_parameters(hits, samples, sigma)
+    low, high = stats.chi2.ppf([0.025, 0.975], [2 * hits.size, 2 * hits.size + 2]) / 2.0
+    spread = np.exp(1.96 / np.sqrt(2.0 * hits.size))
+    found = hits.size / rate if rate > 0.0 else 1.0
+    return FittedEffect(
+        Outliers(rate, scale),
+        (
+            Estimate(rate, rate / np.sqrt(hits.size), low / found, high / found, "1"),
+            Estimate(scale, scale / np.sqrt(2.0 * hits.size), scale / spread, scale * spread, unit),
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class _Rounding:
+    step: float
+    floor: float
+    effects: tuple[FittedEffect, ...]
+    notes: tuple[str, ...]
+
+
+def _rounding(seen: Floats, sigma: float, sample_time_s: float, unit: str) -> _Rounding:
+    step = rounding_step(seen)
+    if step is None:
+        return _Rounding(0.0, 0.0, (), ())
+    effect = OutputRounding(step)
+    fitted = FittedEffect(effect, (Estimate(step, None, None, None, unit),))
+    if step > COARSEST * sigma:
+        note = f"rounding to {step:.3g} {unit} hides the fast noise; white noise includes its error"
+        return _Rounding(step, 0.0, (fitted,), (note,))
+    return _Rounding(step, effect.added_psd(sample_time_s), (fitted,), ())

@@ -1,0 +1,214 @@
+"""One series -> its effects: contamination, gaps, lines, spectrum and courses, in that order."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from imu_noise_id.ambiguity import equal_names, upper_bounds
+from imu_noise_id.contamination import Contamination, find_contamination
+from imu_noise_id.courses import Course, Explained, explain
+from imu_noise_id.effects.base import Effect
+from imu_noise_id.effects.periodic import Periodic
+from imu_noise_id.gaps import draw_missing, interpolate
+from imu_noise_id.intervals import estimates
+from imu_noise_id.lines import Line, find_lines, level_without_lines, without_peaks
+from imu_noise_id.model import Estimate, FittedEffect, UpperBound
+from imu_noise_id.ordinates import Ordinates, cosine_coefficients, fast_length, ordinates
+from imu_noise_id.recording import Floats
+from imu_noise_id.selection import SLOW, SOURCES, select
+from imu_noise_id.series import Series
+from imu_noise_id.whittle import Fit, spectrum_of
+
+SEED = 952
+DRAWS = 3
+LINE_DOF = 3.0
+
+
+@dataclass(frozen=True)
+class SeriesModel:
+    """Noise of one series.
+
+    Attributes
+    ----------
+    mean : float
+        Of the samples that are no outliers.
+    effects : tuple of FittedEffect
+        In physical order.
+    log_covariance : (p, p) float64
+        Of the logarithms of the free parameters of the spectral effects, in the order of
+        ``effects``; other parameters have rows of their variance, uncorrelated.
+    bounds : tuple of UpperBound
+    notes : tuple of str
+    fit : Fit
+        Of the spectrum of what the courses and the lines leave.
+    """
+
+    mean: float
+    effects: tuple[FittedEffect, ...]
+    log_covariance: Floats
+    bounds: tuple[UpperBound, ...]
+    notes: tuple[str, ...]
+    fit: Fit
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """A complete record taken apart."""
+
+    lines: tuple[Line, ...]
+    explained: Explained
+
+    def deterministic(self, n: int, sample_time_s: float) -> Floats:
+        """Lines and courses at the samples, (n,)."""
+        total = np.zeros(n)
+        for course in self.explained.courses:
+            total += fft.idct(course.amount * course.unit_coefficients, norm="ortho")
+        for line in self.lines:
+            total += line.course(n, sample_time_s)
+        return total
+
+
+def estimate_series(series: Series, unit: str, temperature: Floats | None = None) -> SeriesModel:
+    """Effects of one series with intervals.
+
+    Parameters
+    ----------
+    series : Series
+        At least 32 observed samples that are not all equal.
+    unit : str
+        Unit of the channel.
+    temperature : (n,) float64 or None
+        At the samples of the series.
+    """
+    contamination = find_contamination(series, unit)
+    analysis = _analyse_mended(series, contamination, temperature)
+    fitted = analysis.explained.fit
+    spectral, covariance = estimates(fitted, unit)
+    named = tuple(
+        dataclasses.replace(e, note=note)
+        for e, note in zip(spectral, equal_names(fitted), strict=True)
+    )
+    lines = tuple(_line_effect(x, fitted.ordinates.duration_s, unit) for x in analysis.lines)
+    courses = tuple(c.fitted(unit) for c in analysis.explained.courses)
+    effects, log_covariance = _in_order(
+        named, covariance, (*courses, *lines, *contamination.effects)
+    )
+    clean = series.values[contamination.observed]
+    mean = float(clean[0] + np.mean(clean - clean[0]))
+    bounds = upper_bounds(fitted, unit)
+    return SeriesModel(mean, effects, log_covariance, bounds, contamination.notes, fitted)
+
+
+def _analyse_mended(
+    series: Series, contamination: Contamination, temperature: Floats | None
+) -> Analysis:
+    """Analysis of the record, its missing samples drawn given the others where there are any."""
+    size = fast_length(series.values.size)
+    dt = series.sample_time_s
+    observed = contamination.observed[:size]
+    values = series.values[:size]
+    heat = None if temperature is None else temperature[:size]
+    filled = values if observed.all() else interpolate(values, observed)
+    share = float(observed.mean())
+    analysis = _analyse(filled, dt, contamination.floor, series.start_s, heat, share)
+    if observed.all():
+        return analysis
+    rng = np.random.default_rng(SEED)
+    for _ in range(DRAWS):
+        known = analysis.deterministic(size, dt)
+        effects, floor = analysis.explained.fit.effects, contamination.floor
+
+        def psd(f: Floats, effects: tuple[Effect, ...] = effects) -> Floats:
+            return spectrum_of(effects, f, dt, floor).psd
+
+        noise = np.where(observed, filled - known, 0.0)
+        filled = known + draw_missing(interpolate(noise, observed), observed, dt, psd, rng)
+        filled[observed] = values[observed]
+        analysis = _analyse(filled, dt, floor, series.start_s, heat, share)
+    return analysis
+
+
+def _analyse(
+    values: Floats,
+    sample_time_s: float,
+    floor: float,
+    start_s: float,
+    temperature: Floats | None,
+    share: float,
+) -> Analysis:
+    """Take a complete record apart; ``share`` of its samples were seen."""
+    coefficients = cosine_coefficients(values)
+    grid = ordinates(coefficients, sample_time_s)
+    smooth = tuple(kind for kind in SOURCES if kind.name != "narrow_band")
+    base = select(without_peaks(grid), floor, (), smooth)
+    level = level_without_lines(grid, base.spectrum.psd)
+    lines, wide = find_lines(coefficients, grid, level)
+    if lines:
+        course = sum(line.course(values.size, sample_time_s) for line in lines)
+        coefficients = cosine_coefficients(values - course)
+    if lines or wide:
+        grid = ordinates(coefficients, sample_time_s, wide)
+    grid = _spent(grid, lines, share)
+    fitted = select(grid, floor, base.effects)
+    return Analysis(lines, explain(coefficients, fitted, start_s, temperature, wide))
+
+
+def _spent(grid: Ordinates, lines: tuple[Line, ...], share: float) -> Ordinates:
+    """Degrees of freedom less what lines took, and in proportion to the samples seen."""
+    dof = grid.dof.copy()
+    for line in lines:
+        nearest = int(np.argmin(np.abs(grid.frequency_hz - line.frequency_hz)))
+        dof[nearest] = max(dof[nearest] - LINE_DOF, 0.1 * dof[nearest])
+    power = grid.power * (grid.dof / dof)
+    return dataclasses.replace(grid, dof=share * dof, power=power)
+
+
+def _line_effect(line: Line, duration_s: float, unit: str) -> FittedEffect:
+    frequency_error, amplitude_error = line.standard_errors(duration_s)
+    pairs = ((line.frequency_hz, frequency_error, "Hz"), (line.amplitude, amplitude_error, unit))
+    rows = tuple(Estimate(v, s, v - 1.96 * s, v + 1.96 * s, u) for v, s, u in pairs)
+    return FittedEffect(Periodic(line.frequency_hz, line.amplitude), rows)
+
+
+def _in_order(
+    spectral: tuple[FittedEffect, ...], covariance: Floats, others: tuple[FittedEffect, ...]
+) -> tuple[tuple[FittedEffect, ...], Floats]:
+    """Effects in physical order with the covariance of all their numbers."""
+    effects = (*spectral, *others)
+    rows: list[list[int]] = []
+    variances = list(np.diag(covariance))
+    used = 0
+    for i, fitted in enumerate(effects):
+        own = []
+        free = fitted.effect.free() if i < len(spectral) else ()
+        for parameter, estimate in zip(fitted.effect.parameters, fitted.estimates, strict=True):
+            if parameter.name in free:
+                own.append(used)
+                used += 1
+            elif not isinstance(estimate.value, str):
+                own.append(len(variances))
+                variances.append(_variance(estimate, parameter.positive))
+        rows.append(own)
+    whole = np.diag(np.array(variances))
+    whole[: covariance.shape[0], : covariance.shape[0]] = covariance
+    order = sorted(range(len(effects)), key=lambda i: (effects[i].effect.stage, _rank(effects[i])))
+    index = [j for i in order for j in rows[i]]
+    return tuple(effects[i] for i in order), whole[np.ix_(index, index)]
+
+
+def _rank(fitted: FittedEffect) -> tuple[int, str, float]:
+    """White noise first, then the slow terms, then the rest by name and frequency."""
+    frequency = getattr(fitted.effect, "frequency_hz", 0.0)
+    place = 0 if fitted.name == "white_noise" else 1 if isinstance(fitted.effect, SLOW) else 2
+    return place, fitted.name, frequency
+
+
+def _variance(estimate: Estimate, positive: bool) -> float:
+    error = estimate.std_error or 0.0
+    if positive and isinstance(estimate.value, float) and estimate.value > 0.0:
+        error /= estimate.value
+    return error**2

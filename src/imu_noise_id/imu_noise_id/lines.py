@@ -1,0 +1,204 @@
+"""Lines of a record: found in the Fourier transform, fitted on the demodulated record, removed.
+
+The DCT splits a line by its phase, so lines are looked for here.  What keeps power beside its
+largest ordinate after the best sinusoid is removed is no line but a narrow band.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from imu_noise_id.ordinates import Ordinates
+from imu_noise_id.recording import Floats
+
+MARGIN = 7.5
+"""Nats over log(number of frequencies): a false line in 0.06 % of records."""
+
+LEAST_CYCLES = 20
+NEIGHBOURS = 8
+BLOCKS = 256
+MOST = 40
+ROUNDS = 6
+
+
+@dataclass(frozen=True)
+class Line:
+    """A sinusoid ``amplitude cos(2 pi f k dt + phase)`` at sample k.
+
+    Attributes
+    ----------
+    frequency_hz, amplitude, phase_rad : float
+    psd : float
+        Two-sided level of the noise about it.
+    """
+
+    frequency_hz: float
+    amplitude: float
+    phase_rad: float
+    psd: float
+
+    def course(self, n: int, sample_time_s: float) -> Floats:
+        """Return its samples, (n,)."""
+        angle = 2.0 * np.pi * self.frequency_hz * sample_time_s * np.arange(n)
+        return self.amplitude * np.cos(angle + self.phase_rad)
+
+    def standard_errors(self, duration_s: float) -> tuple[float, float]:
+        """Of frequency and amplitude, at the Cramer-Rao bound (Rife and Boorstyn 1974)."""
+        amplitude = np.sqrt(2.0 * self.psd / duration_s)
+        frequency = np.sqrt(24.0 * self.psd / duration_s**3) / (2.0 * np.pi * self.amplitude)
+        return float(frequency), float(amplitude)
+
+
+def level_without_lines(ordinates: Ordinates, psd: Floats, half_width: int = 15) -> Floats:
+    """Larger of a fitted spectrum and the running median of the ordinates, (b,).
+
+    The median follows what the fit cannot describe and no line reaches it; among the single
+    ordinates it is too rough, there the fit stands alone.
+    """
+    return np.where(
+        ordinates.dof > 2.5, np.maximum(psd, running_median(ordinates, half_width)), psd
+    )
+
+
+def running_median(ordinates: Ordinates, half_width: int = 15) -> Floats:
+    """Running median of the ordinates, scaled to their mean, (b,)."""
+    dof = np.maximum(ordinates.dof, 1.0)
+    level = ordinates.power / np.maximum(1.0 - 2.0 / (9.0 * dof), 0.3) ** 3
+    half_width = min(half_width, max((dof.size - 1) // 2, 1))
+    padded = np.pad(np.log(np.maximum(level, np.finfo(float).tiny)), half_width, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half_width + 1)
+    return np.asarray(np.exp(np.median(windows, axis=1)))
+
+
+def without_peaks(ordinates: Ordinates) -> Ordinates:
+    """Ordinates with those that stand far out of the running median switched off (dof 0)."""
+    ratio = ordinates.power / running_median(ordinates)
+    spread = np.sqrt(2.0 / np.maximum(ordinates.dof, 1.0))
+    standing_out = (ordinates.dof > 2.5) & (ratio > 1.0 + 6.0 * spread + 18.0 * spread**2)
+    return dataclasses.replace(ordinates, dof=np.where(standing_out, 0.0, ordinates.dof))
+
+
+def find_lines(
+    coefficients: Floats, ordinates: Ordinates, psd: Floats
+) -> tuple[tuple[Line, ...], tuple[float, ...]]:
+    """Lines of a complete record, sought in the record whitened by its own spectrum.
+
+    Parameters
+    ----------
+    coefficients : (n,) float64
+        DCT-II of the record.
+    ordinates : Ordinates
+        Of the same.
+    psd : (b,) float64
+        Noise level without lines at the ordinates' frequencies.
+
+    Returns
+    -------
+    lines : tuple of Line
+    wide : tuple of float
+        Frequencies that stand out but are no lines.
+    """
+    n, sample_time_s = coefficients.size, ordinates.sample_time_s
+    scale = np.sqrt(_interpolated(ordinates, psd, np.arange(n) / (2.0 * ordinates.duration_s)))
+    scale *= 1.0 / np.sqrt(sample_time_s)
+    white = np.asarray(fft.idct(coefficients / scale, norm="ortho"))
+    lines: list[Line] = []
+    wide: list[float] = []
+    for _ in range(ROUNDS):
+        peaks = _largest(*_peaks(white, sample_time_s))
+        peaks = [f for f in peaks if not _near(f, wide, ordinates.duration_s)]
+        if not peaks:
+            break
+        for frequency in peaks[: MOST - len(lines)]:
+            line, is_line = _fit_line(white, sample_time_s, frequency)
+            if is_line:
+                white = white - line.course(n, sample_time_s)
+                lines.append(line)
+            else:
+                wide.append(frequency)
+    return tuple(_coloured(x, ordinates, psd) for x in lines), tuple(sorted(wide))
+
+
+def _interpolated(ordinates: Ordinates, psd: Floats, frequency_hz: Floats) -> Floats:
+    return np.exp(np.interp(frequency_hz, ordinates.frequency_hz, np.log(psd)))
+
+
+def _coloured(line: Line, ordinates: Ordinates, psd: Floats) -> Line:
+    """Return a line of the white record as it was before whitening."""
+    level = float(_interpolated(ordinates, psd, np.array([line.frequency_hz]))[0])
+    amplitude = line.amplitude * np.sqrt(level / ordinates.sample_time_s)
+    return Line(line.frequency_hz, float(amplitude), line.phase_rad, level)
+
+
+def _near(frequency: float, others: list[float], duration_s: float) -> bool:
+    reach = max(NEIGHBOURS / duration_s, 0.02 * frequency)
+    return any(abs(frequency - other) < reach for other in others)
+
+
+def _peaks(white: Floats, sample_time_s: float) -> tuple[Floats, Floats]:
+    """Power less the threshold, at every frequency and half-way between two."""
+    n = white.size
+    transform = fft.rfft(white)[LEAST_CYCLES : (n + 1) // 2]
+    between = (transform[1:] - transform[:-1]) / np.sqrt(2.0)
+    power = np.empty(2 * transform.size - 1)
+    power[0::2] = transform.real**2 + transform.imag**2
+    power[1::2] = between.real**2 + between.imag**2
+    frequency_hz = (LEAST_CYCLES + 0.5 * np.arange(power.size)) / (n * sample_time_s)
+    return power / n - np.log(n / 2.0) - MARGIN, frequency_hz
+
+
+def _largest(excess: Floats, frequency_hz: Floats) -> list[float]:
+    """Frequencies over the threshold, largest first, no sidelobe of a larger one among them."""
+    over = np.flatnonzero(excess > 0.0)
+    chosen: list[int] = []
+    for i in over[np.argsort(-excess[over])][: 20 * MOST]:
+        distance = np.abs(i - np.array(chosen, dtype=int))
+        lobes = np.sum(excess[chosen] / np.maximum(0.5 * np.pi * distance, 1.0) ** 2)
+        if np.all(distance > 2 * NEIGHBOURS) and excess[i] > 4.0 * lobes:
+            chosen.append(int(i))
+    return [float(frequency_hz[i]) for i in chosen]
+
+
+def _fit_line(white: Floats, sample_time_s: float, frequency_hz: float) -> tuple[Line, bool]:
+    """Sinusoid about a frequency, and whether it leaves no more than noise beside it."""
+    n = white.size
+    size = max(n // BLOCKS, 1)
+    count = n // size
+    time_s = (np.arange(count) + 0.5 * (1.0 - 1.0 / size)) * size * sample_time_s
+    for last in (False, True):
+        turn = np.exp(-2j * np.pi * frequency_hz * sample_time_s * np.arange(count * size))
+        baseband = (white[: count * size] * turn).reshape(count, size).mean(axis=1)
+        offset_hz = _phase_slope(baseband, time_s) if last else _offset(baseband, time_s)
+        frequency_hz += offset_hz
+    baseband = baseband * np.exp(-2j * np.pi * offset_hz * time_s)
+    mean = np.mean(baseband)
+    line = Line(frequency_hz, float(2.0 * abs(mean)), float(np.angle(mean)), sample_time_s)
+    power = np.abs(fft.fft(baseband - mean)) ** 2
+    beside = np.concatenate((power[1 : NEIGHBOURS + 1], power[-NEIGHBOURS:]))
+    noise = count / size
+    limit = np.log(2.0 * NEIGHBOURS) + MARGIN + 1e-3 * abs(count * mean) ** 2 / noise
+    return line, bool(np.all(beside < limit * noise))
+
+
+def _offset(baseband: np.ndarray, time_s: Floats) -> float:
+    """Frequency of the largest ordinate of the zero-padded transform, refined by a parabola."""
+    pad, reach = 16 * baseband.size, 32
+    power = np.abs(fft.fft(baseband, pad)) ** 2
+    nearby = np.concatenate((power[-reach:], power[: reach + 1]))
+    best = int(np.argmax(nearby[1:-1])) + 1
+    low, top, high = nearby[best - 1 : best + 2]
+    curvature = low - 2.0 * top + high
+    fraction = 0.5 * (low - high) / curvature if curvature < 0.0 else 0.0
+    return float((best - reach + np.clip(fraction, -1.0, 1.0)) / (pad * (time_s[1] - time_s[0])))
+
+
+def _phase_slope(baseband: np.ndarray, time_s: Floats) -> float:
+    """Small frequency offset by least squares on the quadrature part."""
+    mean = np.mean(baseband)
+    centred = time_s - time_s.mean()
+    quadrature = np.imag(baseband * np.conj(mean)) / max(abs(mean) ** 2, np.finfo(float).tiny)
+    return float(centred @ quadrature / (centred @ centred) / (2.0 * np.pi))
