@@ -10,15 +10,14 @@ from scipy import fft
 
 from imu_noise_id.ambiguity import equal_names, upper_bounds
 from imu_noise_id.contamination import Contamination, find_contamination
-from imu_noise_id.courses import Course, Explained, explain
-from imu_noise_id.effects.base import Effect
+from imu_noise_id.courses import Explained, explain
 from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.gaps import draw_missing, interpolate
 from imu_noise_id.intervals import estimates
 from imu_noise_id.lines import Line, find_lines, level_without_lines, without_peaks
 from imu_noise_id.model import Estimate, FittedEffect, UpperBound
 from imu_noise_id.ordinates import Ordinates, cosine_coefficients, fast_length, ordinates
-from imu_noise_id.recording import Floats
+from imu_noise_id.recording import Floats, Mask
 from imu_noise_id.selection import SLOW, SOURCES, select
 from imu_noise_id.series import Series
 from imu_noise_id.whittle import Fit, spectrum_of
@@ -119,17 +118,25 @@ def _analyse_mended(
         return analysis
     rng = np.random.default_rng(SEED)
     for _ in range(DRAWS):
-        known = analysis.deterministic(size, dt)
-        effects, floor = analysis.explained.fit.effects, contamination.floor
-
-        def psd(f: Floats, effects: tuple[Effect, ...] = effects) -> Floats:
-            return spectrum_of(effects, f, dt, floor).psd
-
-        noise = np.where(observed, filled - known, 0.0)
-        filled = known + draw_missing(interpolate(noise, observed), observed, dt, psd, rng)
-        filled[observed] = values[observed]
-        analysis = _analyse(filled, dt, floor, series.start_s, heat, share)
+        filled = _redrawn(values, observed, filled, analysis, rng)
+        analysis = _analyse(filled, dt, contamination.floor, series.start_s, heat, share)
     return analysis
+
+
+def _redrawn(
+    values: Floats, observed: Mask, filled: Floats, analysis: Analysis, rng: np.random.Generator
+) -> Floats:
+    """Record with its missing samples drawn from the analysis of how they were filled before."""
+    fitted = analysis.explained.fit
+    dt = fitted.ordinates.sample_time_s
+    known = analysis.deterministic(values.size, dt)
+
+    def psd(frequency_hz: Floats) -> Floats:
+        return spectrum_of(fitted.effects, frequency_hz, dt, fitted.floor).psd
+
+    noise = interpolate(filled - known, observed)
+    drawn = known + draw_missing(noise, observed, dt, psd, rng)
+    return np.where(observed, values, drawn)
 
 
 def _analyse(

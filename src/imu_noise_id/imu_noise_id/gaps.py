@@ -1,14 +1,15 @@
 """Missing samples, drawn from what a fitted spectrum says of them given the samples seen.
 
 The draw is Durbin and Koopman's (2002): an unconditional record x of the model, plus the
-conditional mean of the missing samples given the seen ones of y - x.  In the DCT-II the precision of
-the record is diagonal, so that mean solves a linear system whose product is two transforms; conjugate
-gradients with the covariance as preconditioner need a few of them.
+conditional mean of the missing samples given the seen ones of y - x.  In the DCT-II the precision
+of the record is diagonal, so that mean solves a linear system whose product is two transforms;
+conjugate gradients with the covariance as preconditioner need a few of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from scipy import fft
@@ -77,7 +78,7 @@ def windows(observed: Mask) -> list[tuple[int, int]]:
     edges = np.linspace(0, observed.size, max(observed.size // tile, 1) + 1).astype(int)
     return [
         (int(a), int(b))
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
+        for a, b in pairwise(edges)
         if not observed[a:b].all()
     ]
 

@@ -1,0 +1,116 @@
+"""Curves that a model predicts: spectrum and Allan variance, to lay over a recording's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from imu_noise_id.allan import allan_exact
+from imu_noise_id.effects.base import CourseEffect, ResponseEffect, StochasticEffect
+from imu_noise_id.effects.output_rounding import OutputRounding
+from imu_noise_id.model import ChannelModel
+from imu_noise_id.recording import Floats
+from imu_noise_id.series import Series
+
+INTEGRAL_POINTS = 2**14
+COURSE_POINTS = 4096
+
+
+def model_psd(model: ChannelModel, frequency_hz: Floats, sample_time_s: float) -> Floats:
+    """Two-sided PSD of a channel without its lines and courses, (n,).
+
+    Parameters
+    ----------
+    model : ChannelModel
+    frequency_hz : (n,) float64
+        Above 0 and up to half the rate.
+    sample_time_s : float
+    """
+    effects = [f.effect for f in model.effects]
+    psd = np.zeros_like(frequency_hz)
+    for effect in effects:
+        if isinstance(effect, StochasticEffect):
+            psd += effect.psd(frequency_hz, sample_time_s)
+    for effect in effects:
+        if isinstance(effect, ResponseEffect):
+            psd *= effect.power_response(frequency_hz, sample_time_s)
+    return psd + _rounding_psd(model, sample_time_s)
+
+
+def model_allan_variance(
+    model: ChannelModel,
+    tau_s: Floats,
+    sample_time_s: float,
+    temperature: Floats | None = None,
+) -> Floats:
+    """Allan variance that a channel's model predicts, (t,).
+
+    Sources by their own laws; a response by the integral of what it takes away,
+
+        4 int S(f) (1 - R(f)) sin^4(pi f tau)/(m sin(pi f dt))^2 df;
+
+    courses by the Allan variance of their samples over the time that the model describes.
+
+    Parameters
+    ----------
+    model : ChannelModel
+    tau_s : (t,) float64
+    sample_time_s : float
+    temperature : (n,) float64, optional
+        At uniform times over the model's duration, where it has a temperature effect.
+    """
+    effects = [f.effect for f in model.effects]
+    total = _rounding_psd(model, sample_time_s) / tau_s
+    for effect in effects:
+        if isinstance(effect, StochasticEffect):
+            total = total + effect.allan_variance(tau_s, sample_time_s)
+    if any(isinstance(e, ResponseEffect) for e in effects):
+        total = total - _taken_away(model, tau_s, sample_time_s)
+    courses = [e for e in effects if isinstance(e, CourseEffect)]
+    if courses and model.duration_s:
+        total = total + _course_allan(courses, tau_s, model.duration_s, temperature)
+    return np.maximum(total, 0.0)
+
+
+def _rounding_psd(model: ChannelModel, sample_time_s: float) -> float:
+    """Level of the rounding error where it is white beside the noise, else 0."""
+    rounding, white = model.find("output_rounding"), model.find("white_noise")
+    if rounding is None or white is None:
+        return 0.0
+    assert isinstance(rounding.effect, OutputRounding)
+    level = rounding.effect.added_psd(sample_time_s)
+    (density,) = white.effect.values()
+    assert isinstance(density, float)
+    return level if level < 0.5 * density**2 else 0.0
+
+
+def _taken_away(model: ChannelModel, tau_s: Floats, sample_time_s: float) -> Floats:
+    frequency_hz = (np.arange(INTEGRAL_POINTS) + 0.5) * (0.5 / sample_time_s / INTEGRAL_POINTS)
+    sources = np.zeros_like(frequency_hz)
+    response = np.ones_like(frequency_hz)
+    for effect in (f.effect for f in model.effects):
+        if isinstance(effect, StochasticEffect):
+            sources += effect.psd(frequency_hz, sample_time_s)
+        elif isinstance(effect, ResponseEffect):
+            response = response * effect.power_response(frequency_hz, sample_time_s)
+    weight = sources * (1.0 - response) / np.sin(np.pi * sample_time_s * frequency_hz) ** 2
+    step = 0.5 / sample_time_s / INTEGRAL_POINTS
+    kernel = [float(weight @ np.sin(np.pi * t * frequency_hz) ** 4) for t in tau_s]
+    return 4.0 * step * np.array(kernel) * (sample_time_s / tau_s) ** 2
+
+
+def _course_allan(
+    courses: list[CourseEffect], tau_s: Floats, duration_s: float, temperature: Floats | None
+) -> Floats:
+    time_s = np.linspace(0.0, duration_s, COURSE_POINTS)
+    if temperature is not None:
+        place = np.linspace(0.0, 1.0, temperature.size)
+        temperature = np.interp(np.linspace(0.0, 1.0, COURSE_POINTS), place, temperature)
+    total: Floats = np.sum([c.course(time_s, temperature) for c in courses], axis=0)
+    step_s = float(time_s[1])
+    m = np.unique(np.maximum(np.rint(tau_s / step_s), 1.0)).astype(np.int64)
+    series = Series(total, np.ones(COURSE_POINTS, dtype=bool), step_s)
+    curve = allan_exact(series, m[m <= COURSE_POINTS // 2 - 1])
+    log_tau = np.log(np.maximum(curve.tau_s, step_s))
+    variance = np.maximum(curve.deviation**2, np.finfo(float).tiny)
+    shown = np.exp(np.interp(np.log(tau_s), log_tau, np.log(variance)))
+    return np.asarray(np.where(tau_s < step_s, shown * (tau_s / step_s) ** 2, shown))
