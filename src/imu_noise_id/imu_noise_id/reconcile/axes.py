@@ -1,0 +1,79 @@
+"""Channels against each other: common white noise that the model does not have, or has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy import fft
+
+from imu_noise_id.effects.cross_axis import CrossAxis
+from imu_noise_id.model import ChannelModel
+from imu_noise_id.recording import Floats
+from imu_noise_id.reconcile.battery import Whitened
+from imu_noise_id.reconcile.null import log_p_of
+
+BANDS = 120
+TRIMMED = 6
+
+
+@dataclass(frozen=True)
+class Tie:
+    """Correlation of two whitened channels.
+
+    Attributes
+    ----------
+    first, second : str
+        Channel names.
+    value, std_error : float
+        Correlation over all frequencies.
+    given : float
+        What the model says; 0 where it says nothing.
+    log_p : float
+        Chance of such a difference from the model, the most extreme bands left out.
+    """
+
+    first: str
+    second: str
+    value: float
+    std_error: float
+    given: float
+    log_p: float
+
+
+def ties(whitened: dict[str, Whitened], models: dict[str, ChannelModel]) -> list[Tie]:
+    """All pairs of channels of one length and rate.
+
+    A vibration that two axes share correlates them in one band; common white noise does in all.
+    The test leaves out the ``TRIMMED`` bands of ``BANDS`` that speak loudest for it.
+    """
+    coefficients = {n: np.asarray(fft.dct(w.samples, norm="ortho")) for n, w in whitened.items()}
+    out = []
+    for first, second in combinations(whitened, 2):
+        a, b = whitened[first], whitened[second]
+        if a.samples.size != b.samples.size or a.sample_time_s != b.sample_time_s:
+            continue
+        given, error = _given(models, first, second)
+        out.append(_tie((first, second), coefficients[first], coefficients[second], given, error))
+    return out
+
+
+def _tie(names: tuple[str, str], a: Floats, b: Floats, given: float, error: float) -> Tie:
+    size = a.size // BANDS
+    products = (a * b)[: BANDS * size].reshape(BANDS, size).mean(axis=1)
+    value = float(products.mean())
+    std_error = float(np.sqrt((1.0 + value**2) / a.size))
+    surplus = np.sort((products - given) * np.sign(value - given))
+    kept = surplus[: BANDS - TRIMMED]
+    scatter = np.sqrt((1.0 + given**2) / (kept.size * size) + error**2)
+    z = max(float(kept.mean()) / scatter, 0.0)
+    return Tie(*names, value, std_error, given, log_p_of(z))
+
+
+def _given(models: dict[str, ChannelModel], first: str, second: str) -> tuple[float, float]:
+    for name, other in ((first, second), (second, first)):
+        for fitted in models[name].effects:
+            if isinstance(fitted.effect, CrossAxis) and fitted.effect.other == other:
+                return fitted.effect.correlation, fitted.estimates[1].std_error or 0.0
+    return 0.0, 0.0

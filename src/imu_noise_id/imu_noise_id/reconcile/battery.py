@@ -1,0 +1,168 @@
+"""Statistics of a whitened record: each small where the model is right, whatever the model.
+
+A record whitened with the right spectrum is white Gaussian noise of unit variance, so one null
+distribution per length serves every channel (:mod:`~imu_noise_id.reconcile.null`).  Each statistic
+is given in nats: half a squared standard deviation, a log-likelihood ratio, or a periodogram
+ordinate; all have an exponential tail.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from imu_noise_id.effects.variance_change import variance_scan
+from imu_noise_id.ordinates import bin_edges
+from imu_noise_id.recording import Floats
+from imu_noise_id.reconcile.result import Where
+
+NAMES = ("spectrum", "line", "modulation", "kurtosis", "skewness", "extreme", "burst", "levels")
+"""Statistics with a simulated null, in the order of their columns."""
+
+BURST_BLOCKS = 256
+SMALLEST_LOW_DOF = 4.0
+FEWEST_BLOCKS = 200
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """A record divided by the root of its modelled spectrum.
+
+    Attributes
+    ----------
+    samples : (n,) float64
+        Unit variance.
+    frequency_hz, ratio, dof : (b,) float64
+        Binned ordinates over the modelled spectrum, with degrees of freedom.
+    sample_time_s, start_s : float
+    """
+
+    samples: Floats
+    frequency_hz: Floats
+    ratio: Floats
+    dof: Floats
+    sample_time_s: float
+    start_s: float
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """One member of the battery.
+
+    Attributes
+    ----------
+    name : str
+    nats : float
+    where : Where
+        Its ``z`` is filled in from the p-value.
+    """
+
+    name: str
+    nats: float
+    where: Where
+
+
+def white_record(samples: Floats, sample_time_s: float) -> Whitened:
+    """White noise as the model's own simulations look after whitening."""
+    n = samples.size
+    edges = bin_edges(n, sample_time_s)
+    dof = np.diff(edges).astype(float)
+    coefficients = np.asarray(fft.dct(samples, norm="ortho"))
+    ratio = np.add.reduceat(coefficients**2, edges[:-1]) / dof
+    frequency_hz = 0.5 * (edges[:-1] + edges[1:] - 1) / (2.0 * n * sample_time_s)
+    return Whitened(samples, frequency_hz, ratio, dof, sample_time_s, 0.0)
+
+
+def battery(record: Whitened) -> tuple[Statistic, ...]:
+    """All statistics of ``NAMES``, in order."""
+    return (
+        _spectrum(record),
+        _line(record, record.samples, "line", "spectrum"),
+        _line(record, _unit(record.samples**2), "modulation", "time"),
+        *_moments(record),
+        _burst(record),
+        _levels(record),
+    )
+
+
+def deviance(ratio: Floats, dof: Floats) -> Floats:
+    """Nats by which a mean power ``ratio`` of ``dof`` degrees of freedom prefers its own level."""
+    safe = np.maximum(ratio, 1e-300)
+    return np.asarray(0.5 * dof * (ratio - 1.0 - np.log(safe)))
+
+
+def _unit(values: Floats) -> Floats:
+    centred = values - values.mean()
+    return np.asarray(centred / max(float(centred.std()), 1e-300))
+
+
+def _spectrum(record: Whitened) -> Statistic:
+    """Window of bins, of doubling widths, whose mean power differs most."""
+    power = np.concatenate(([0.0], np.cumsum(record.ratio * record.dof)))
+    total = np.concatenate(([0.0], np.cumsum(record.dof)))
+    best, place, sign = -1.0, (0, 1), 1.0
+    width = 1
+    while width <= record.ratio.size:
+        dof = total[width:] - total[:-width]
+        mean = (power[width:] - power[:-width]) / dof
+        nats = deviance(mean, dof)
+        nats[(mean < 1.0) & (dof < SMALLEST_LOW_DOF)] = 0.0
+        at = int(np.argmax(nats))
+        if nats[at] > best:
+            best, place, sign = float(nats[at]), (at, at + width), float(np.sign(mean[at] - 1.0))
+        width *= 2
+    f = record.frequency_hz
+    low, high = float(f[place[0]]), float(f[place[1] - 1])
+    return Statistic("spectrum", best, Where("spectrum", low, high, "Hz", sign))
+
+
+def _line(record: Whitened, unit: Floats, name: str, domain: str) -> Statistic:
+    """Largest ordinate of the Fourier periodogram, exponential with mean 1."""
+    n = unit.size
+    power = np.abs(fft.rfft(unit)[1:]) ** 2 / n
+    at = int(np.argmax(power))
+    f = (at + 1) / (n * record.sample_time_s)
+    half = 0.5 / (n * record.sample_time_s)
+    return Statistic(name, float(power[at]), Where(domain, f - half, f + half, "Hz", 1.0))
+
+
+def _moments(record: Whitened) -> tuple[Statistic, Statistic, Statistic]:
+    unit = _unit(record.samples)
+    n = unit.size
+    square = unit * unit
+    kurtosis = (float(np.mean(square * square)) - 3.0) / np.sqrt(24.0 / n)
+    skewness = float(np.mean(square * unit)) / np.sqrt(6.0 / n)
+    extreme = float(np.abs(record.samples).max())
+    span = (0.0, extreme, "sigma")
+    return (
+        Statistic(
+            "kurtosis", 0.5 * kurtosis**2, Where("amplitude", *span, float(np.sign(kurtosis)))
+        ),
+        Statistic(
+            "skewness", 0.5 * skewness**2, Where("amplitude", *span, float(np.sign(skewness)))
+        ),
+        Statistic("extreme", 0.5 * extreme**2, Where("amplitude", 5.0, extreme, "sigma", 1.0)),
+    )
+
+
+def _burst(record: Whitened) -> Statistic:
+    first, last, ratio, gain = variance_scan(record.samples, BURST_BLOCKS)
+    times = record.start_s + record.sample_time_s * np.array([first, last])
+    sign = 1.0 if ratio > 1.0 else -1.0
+    return Statistic("burst", gain, Where("time", float(times[0]), float(times[1]), "s", sign))
+
+
+def _levels(record: Whitened) -> Statistic:
+    """Kurtosis of block means, over block lengths: a level that jumps between two values."""
+    worst, tau, size = 0.0, 0.0, 16
+    while record.samples.size // size >= FEWEST_BLOCKS:
+        count = record.samples.size // size
+        unit = _unit(record.samples[: count * size].reshape(count, size).mean(axis=1))
+        z = (float(np.mean(unit**4)) - 3.0) / np.sqrt(24.0 / count)
+        if abs(z) > abs(worst):
+            worst, tau = z, size * record.sample_time_s
+        size *= 2
+    place = Where("amplitude", tau, tau, "s", float(np.sign(worst)))
+    return Statistic("levels", 0.5 * worst**2, place)

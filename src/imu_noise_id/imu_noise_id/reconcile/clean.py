@@ -1,0 +1,295 @@
+"""First part of reconciliation: take away, and name, what is not noise by its spectrum."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import gammaincc
+
+from imu_noise_id.effects.base import Effect, TransportEffect
+from imu_noise_id.effects.held_samples import HeldSamples
+from imu_noise_id.effects.outliers import Outliers
+from imu_noise_id.effects.output_rounding import OutputRounding
+from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
+from imu_noise_id.model import ChannelModel
+from imu_noise_id.recording import Channel, Floats, Recording
+from imu_noise_id.reconcile.battery import BURST_BLOCKS
+from imu_noise_id.reconcile.compare import Finding
+from imu_noise_id.reconcile.contamination import (
+    Change,
+    find_hits,
+    fresh_index,
+    hit_effect,
+    hold_change,
+    mend,
+    rounding_change,
+    saturation_change,
+    tails_log_p,
+    timing_changes,
+)
+from imu_noise_id.reconcile.explain import quieten
+from imu_noise_id.reconcile.null import load_null, z_of
+from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE, Where
+from imu_noise_id.reconcile.state import State, analyse
+from imu_noise_id.reconcile.work import Work, drafted, initial_state
+from imu_noise_id.series import Series, to_series
+
+COARSE = 0.8
+SHORTEST = 256
+STRETCHES = 32
+CLUSTERED_LOG_P = -9.0
+
+
+def open_topic(
+    channels: list[Channel],
+    models: dict[str, ChannelModel],
+    recording: Recording,
+    log_level: float,
+    rng: np.random.Generator,
+) -> list[Work]:
+    """Work on every channel of one topic, with its transport and its contamination answered."""
+    given: dict[str, Effect] = {}
+    for channel in channels:
+        for fitted in models[channel.name].effects:
+            if isinstance(fitted.effect, TransportEffect):
+                given.setdefault(fitted.name, fitted.effect)
+    timing = timing_changes(channels[0], given, log_level)
+    hold, factor = hold_change([c.values for c in channels], given.get("held_samples"))
+    series = {c.name: to_series(c, recording.start_ns) for c in channels}
+    grids = [s.values for s in series.values()]
+    fresh = fresh_index(grids, factor) if len({g.size for g in grids}) == 1 else None
+    out = []
+    for channel in channels:
+        model = models[channel.name]
+        whole = series[channel.name]
+        if whole.values.size < SHORTEST or np.ptp(whole.values[whole.observed]) == 0.0:
+            continue
+        picked = fresh if fresh is not None else np.arange(whole.values.size)
+        said = given.get("held_samples")
+        given_hold = said.factor if isinstance(said, HeldSamples) else 1.0
+        work = _open(channel, model, whole, recording, given_hold, picked, factor, rng)
+        changes = [*timing, *([hold] if hold else [])]
+        out.append(_settle(work, changes, whole, recording, picked, factor, rng))
+    return out
+
+
+def _open(
+    channel: Channel,
+    model: ChannelModel,
+    whole: Series,
+    recording: Recording,
+    given_hold: float,
+    picked: np.ndarray,
+    factor: float,
+    rng: np.random.Generator,
+) -> Work:
+    """Work on the samples as they are (thinned as the model says), nothing answered yet."""
+    index = picked if given_hold == factor else np.arange(whole.values.size)
+    hold = factor if given_hold == factor else 1.0
+    state = _state(model, whole, recording, index, hold, rng)
+    null = load_null(state.values.size, state.sample_time_s)
+    work = Work(channel, model, null, state, analyse(state), hold)
+    return replace(work, skip=_skips(model, work))
+
+
+def _skips(model: ChannelModel, work: Work) -> frozenset[str]:
+    skip = set()
+    if model.find("random_telegraph"):
+        skip.add("levels")
+    if model.find("outliers"):
+        skip |= {"extreme", "kurtosis"}
+    return frozenset(skip) | _coarse(work.state)
+
+
+def _coarse(state: State) -> frozenset[str]:
+    """Rounding that shows in the distribution even under the right model."""
+    step = float(np.sqrt(12.0 * state.floor / state.sample_time_s))
+    spread = float(np.sqrt(0.5 * np.mean(np.diff(state.values) ** 2)))
+    return frozenset({"kurtosis", "extreme"}) if step > COARSE * spread else frozenset()
+
+
+def _state(
+    model: ChannelModel,
+    whole: Series,
+    recording: Recording,
+    index: np.ndarray,
+    hold: float,
+    rng: np.random.Generator,
+) -> State:
+    values, missing = whole.values[index], ~whole.observed[index]
+    values = mend(values, missing, _fast_sigma(values, missing), rng)
+    dt = whole.sample_time_s * hold
+    start_s = whole.start_s + float(index[0]) * whole.sample_time_s
+    temperature = None
+    if recording.temperature is not None and recording.temperature.values.size > 1:
+        regressor = recording.temperature
+        regressor_s = (regressor.stamp_ns - recording.start_ns) * 1e-9
+        time_s = start_s + dt * np.arange(values.size)
+        temperature = np.interp(time_s, regressor_s, regressor.values)
+    return initial_state(model, values, dt, start_s, temperature, hold)
+
+
+def _fast_sigma(values: Floats, missing: np.ndarray) -> float:
+    """Robust deviation of the fast noise, from differences of neighbours that are both there."""
+    both = ~(missing[1:] | missing[:-1])
+    difference = np.abs(np.diff(values)[both])
+    return float(np.median(difference)) / 0.6745 / np.sqrt(2.0) if difference.size else 0.0
+
+
+def _finding(change: Change) -> Finding:
+    return Finding(change.effect.name, change.log_p, z_of(change.log_p), change.where)
+
+
+def _settle(
+    work: Work,
+    changes: list[Change],
+    whole: Series,
+    recording: Recording,
+    picked: np.ndarray,
+    factor: float,
+    rng: np.random.Generator,
+) -> Work:
+    """Answer timing, hold, clipping, rounding, bursts that the model has, and hits, in this order."""
+    model = work.model
+    raw = work.channel.values
+    effects = {f.name: f.effect for f in model.effects}
+    comb, step = rounding_change(raw, effects.get("output_rounding"))
+    clipped, _ = saturation_change(raw, effects.get("saturation"), rng)
+    pending = [*changes, *(c for c in (clipped, comb) if c)]
+    work = replace(work, unmet=tuple(_finding(c) for c in pending))
+    for change in pending:
+        rest = tuple(f for f in work.unmet if f.name != change.effect.name)
+        after = replace(work, unmet=rest)
+        if change.effect.name == "held_samples":
+            state = _state(model, whole, recording, picked, factor, rng)
+            null = load_null(state.values.size, state.sample_time_s)
+            after = replace(after, hold=factor, null=null).analysed(state)
+        elif change.effect.name == "output_rounding":
+            floor = OutputRounding(step).added_psd(work.state.sample_time_s) if step else 0.0
+            after = after.analysed(replace(work.state, floor=floor))
+            after = replace(after, skip=work.skip | _coarse(after.state))
+        elif change.effect.name == "saturation":
+            after = _unclip(after, change.effect, rng)
+        work = drafted(work, after, change.action, change.effect, _finding(change))
+    if not clipped and effects.get("saturation"):
+        work = _unclip(work, effects["saturation"], rng)
+    work = _given_burst(work)
+    return answer_hits(work, rng)
+
+
+def _unclip(work: Work, given: Effect, rng: np.random.Generator) -> Work:
+    _, mended = saturation_change(work.state.values, given, rng)
+    if mended is work.state.values:
+        return work
+    return work.analysed(work.state.with_values(mended))
+
+
+def _given_burst(work: Work) -> Work:
+    """Take a burst that the model has out of the record, or the burst that is not there out of it."""
+    for fitted in work.model.effects:
+        burst = fitted.effect
+        if not isinstance(burst, VarianceChange):
+            continue
+        time_s = work.state.time_s
+        inside = (time_s >= burst.from_s) & (time_s < burst.to_s)
+        if not 8 <= inside.sum() <= inside.size - 8:
+            continue
+        square = work.found.white.samples**2
+        ratio = float(square[inside].mean() / square[~inside].mean())
+        error = float(np.sqrt(2.0 / inside.sum())) + 0.05
+        first, last = (int(i) for i in np.flatnonzero(inside)[[0, -1]])
+        kept = ratio if abs(np.log(ratio / burst.ratio)) < 4.0 * error else burst.ratio
+        smooth = max(round(1.0 / work.state.sample_time_s), 8)
+        values = quieten(work.state.values, first, last + 1, kept, smooth)
+        if kept == ratio:
+            work = work.analysed(work.state.with_values(values))
+            continue
+        gone = abs(np.log(ratio)) < 4.0 * error
+        z = float(np.log(ratio / burst.ratio)) / error
+        place = Where("time", burst.from_s, burst.to_s, "s", z)
+        change = Change(
+            REMOVE if gone else REFIT,
+            burst if gone else burst.replace(ratio=ratio),
+            -0.5 * z * z,
+            place,
+        )
+        before = replace(work, unmet=(*work.unmet, _finding(change)))
+        after = work
+        if not gone:
+            quiet = quieten(work.state.values, first, last + 1, ratio, smooth)
+            after = work.analysed(work.state.with_values(quiet))
+        work = drafted(before, after, change.action, change.effect, _finding(change))
+    return work
+
+
+def answer_hits(work: Work, rng: np.random.Generator) -> Work:
+    """Mask and mend outliers, and say so where the model does not have as many."""
+    given = next((f.effect for f in work.model.effects if isinstance(f.effect, Outliers)), None)
+    white = work.found.white.samples
+    hits = find_hits(white)
+    if given is None and (hits.log_p > np.log(1e-4) or clustered(white, hits.mask)):
+        return work
+    change = _hit_change(work, given, hits.mask)
+    if hits.mask.any():
+        sigma = _fast_sigma(work.state.values, hits.mask)
+        values = mend(work.state.values, hits.mask, sigma, rng)
+        tails = tails_log_p(white, hits.rate, hits.scale)
+        place = Where("amplitude", 2.5, 5.0, "sigma", 1.0)
+        after = replace(
+            work,
+            skip=work.skip | {"extreme", "kurtosis"},
+            lasting=(*work.lasting, Finding("tails", tails, z_of(tails), place)),
+        ).analysed(work.state.with_values(values))
+    else:
+        after = work
+    if change is None:
+        return after
+    before = replace(work, unmet=(*work.unmet, _finding(change)))
+    return drafted(before, after, change.action, change.effect, _finding(change))
+
+
+def _hit_change(work: Work, given: Outliers | None, mask: np.ndarray) -> Change | None:
+    white = work.found.white.samples
+    hits = find_hits(white)
+    sigma = _fast_sigma(work.state.values, hits.mask)
+    far = max(float(np.abs(white).max()), 5.0)
+    place = Where("amplitude", 5.0, far, "sigma", 1.0)
+    if given is None:
+        return Change(ADD, hit_effect(hits, sigma), hits.log_p, place)
+    count, expected = float(mask.sum()), given.rate * white.size
+    few = gammaincc(count + 1.0, expected)
+    tail = min(few, 1.0 - gammaincc(max(count, 1e-9), expected))
+    log_p = float(np.log(np.clip(2.0 * tail, 1e-300, 1.0)))
+    # hits near the noise go unseen, so a deviation by half is what a count can prove
+    if log_p > np.log(1e-4) or 0.6 < count / max(expected, 1e-9) < 1.6:
+        return None
+    if count == 0.0:
+        return Change(REMOVE, given, log_p, place)
+    return Change(REFIT, hit_effect(hits, sigma), log_p, place)
+
+
+def clustered(white: Floats, mask: np.ndarray) -> bool:
+    """Whether hits come in a burst: then they are a change of variance, not outliers."""
+    count = int(mask.sum())
+    if count < 6:
+        return False
+    position = np.flatnonzero(mask) / mask.size
+    # Kolmogorov's distance from evenness
+    steps = np.arange(1, count + 1) / count
+    distance = float(
+        np.max(np.maximum(np.abs(steps - position), np.abs(steps - 1 / count - position)))
+    )
+    if -2.0 * count * distance**2 + np.log(2.0) < CLUSTERED_LOG_P:
+        return True
+    per_stretch = np.bincount((position * STRETCHES).astype(int), minlength=STRETCHES)
+    dispersion = float(np.sum((per_stretch - count / STRETCHES) ** 2) / (count / STRETCHES))
+    if (
+        float(np.log(max(gammaincc((STRETCHES - 1) / 2.0, dispersion / 2.0), 1e-300)))
+        < CLUSTERED_LOG_P
+    ):
+        return True
+    quiet = np.where(mask, 0.0, white)
+    first, last, _, gain = variance_scan(quiet, BURST_BLOCKS)
+    inside = np.mean(mask[first:last]) if last > first else 0.0
+    return gain > 15.0 and inside > 4.0 * np.mean(mask)

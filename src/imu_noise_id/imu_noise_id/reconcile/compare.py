@@ -1,0 +1,178 @@
+"""Significance of a channel's battery: p-values of every statistic, and where the worst ones lie."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft
+from scipy.special import chdtrc
+
+from imu_noise_id.recording import Floats
+from imu_noise_id.reconcile.battery import battery
+from imu_noise_id.reconcile.null import Null, log_p_of, z_of
+from imu_noise_id.reconcile.prior import map_fit, without
+from imu_noise_id.reconcile.result import Where
+from imu_noise_id.reconcile.state import Analysis, State
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One statistic with its significance.
+
+    Attributes
+    ----------
+    name : str
+    log_p : float
+    z : float
+        Two-sided standard deviations of that p-value.
+    where : Where
+    """
+
+    name: str
+    log_p: float
+    z: float
+    where: Where
+
+
+@dataclass(frozen=True)
+class Findings:
+    """The battery on one channel.
+
+    Attributes
+    ----------
+    all : tuple of Finding
+        Worst first.
+    """
+
+    all: tuple[Finding, ...]
+
+    @property
+    def worst(self) -> Finding:
+        """Finding with the smallest p-value."""
+        return self.all[0]
+
+    @property
+    def log_p(self) -> float:
+        """Logarithm of the chance that the worst of so many is as bad or worse."""
+        return combined(self.worst.log_p, len(self.all))
+
+    def significant(self, log_level: float) -> tuple[Where, ...]:
+        """Where the findings lie that pass the level one by one, worst first."""
+        limit = log_level - np.log(len(self.all))
+        return tuple(f.where for f in self.all if f.log_p < limit)
+
+
+def combined(log_p: float, tests: int) -> float:
+    """log(1 - (1 - p)^tests): Sidak, an upper bound where the tests are dependent."""
+    if log_p < -12.0:
+        return log_p + float(np.log(tests))
+    p = min(np.exp(log_p), 1.0 - 1e-12)
+    return float(np.log(-np.expm1(tests * np.log1p(-p))))
+
+
+def examine(state: State, found: Analysis, null: Null, skip: frozenset[str]) -> Findings:
+    """Battery, courses and the model's own parameters on one channel."""
+    out = [
+        _finding(s.name, null.log_p(s.name, s.nats), s.where)
+        for s in battery(found.white)
+        if s.name not in skip
+    ]
+    out.append(_steps(state, found))
+    out += _courses(state, found)
+    refit = _refit(state, found)
+    if refit is not None:
+        out.append(refit)
+    return Findings(tuple(sorted(out, key=lambda f: f.log_p)))
+
+
+def _finding(name: str, log_p: float, where: Where) -> Finding:
+    z = z_of(log_p)
+    return Finding(name, log_p, z, replace(where, z=float(np.copysign(z, where.z or 1.0))))
+
+
+def step_scores(state: State, found: Analysis) -> tuple[Floats, Floats, float]:
+    """Score of a step before every sample, by generalised least squares.
+
+    z(t) = s_t' V^-1 y / sqrt(s_t' V^-1 s_t), V diagonal in the DCT-II.  The numerator is a reversed
+    sum of V^-1 y; the denominator, with the DCT of a step, -sin(pi k t/n)/(sqrt(2 n)
+    sin(pi k/2n)), is a cosine sum in k.
+
+    Returns
+    -------
+    z : (n - 1,) float64
+        For a step between samples t and t + 1, t = 0 ... n - 2.
+    power : (n - 1,) float64
+        The denominator squared.
+    increment : float
+        Variance of the numerator's difference from one sample to the next.
+    """
+    n = found.coefficients.size
+    weight = found.inverse_psd * state.sample_time_s
+    v = fft.idct(found.coefficients * weight, norm="ortho")
+    numerator = np.cumsum(v[::-1])[::-1][1:]
+    k = np.arange(1, n)
+    a = weight[1:] / (2.0 * n * np.sin(0.5 * np.pi * k / n) ** 2)
+    # sum_k a_k sin^2(pi k t/n) = (sum a - sum a cos(2 pi k t/n))/2
+    spectrum = fft.rfft(np.concatenate(([0.0], a)))
+    cosine = np.empty(n)
+    cosine[: spectrum.size] = spectrum.real
+    cosine[spectrum.size :] = spectrum.real[1 : n - spectrum.size + 1][::-1]
+    power = np.maximum(0.5 * (a.sum() - cosine[1:]), 1e-300)
+    return numerator / np.sqrt(power), power, float(weight.mean())
+
+
+def _steps(state: State, found: Analysis) -> Finding:
+    """Largest step score, and the tail of such a maximum.
+
+    The scores are locally an Ornstein-Uhlenbeck process, correlation 1 - c_t from one sample to the
+    next: P(max |z| > u) = 2 u phi(u) sum c_t + 2 Phi(-u) (Pickands 1969; for white noise this is
+    James, James and Siegmund 1987, eq. 5).
+    """
+    z, power, increment = step_scores(state, found)
+    edge = max(16, z.size // 200)
+    inner = slice(edge, z.size - edge)
+    z, power = z[inner], power[inner]
+    at = int(np.argmax(np.abs(z)))
+    top = abs(float(z[at]))
+    correlation = 0.5 * (power[1:] + power[:-1] - increment) / np.sqrt(power[1:] * power[:-1])
+    changes = float(np.sum(1.0 - np.clip(correlation, -1.0, 1.0)))
+    log_density = -0.5 * top**2 - 0.5 * float(np.log(2.0 * np.pi))
+    log_many = float(np.log(2.0 * max(top, 1.0) * changes + 1e-300)) + log_density
+    log_p = min(float(np.logaddexp(log_p_of(top), log_many)), 0.0)
+    time_s = state.start_s + (at + edge + 1) * state.sample_time_s
+    return _finding("step", log_p, Where("time", time_s, time_s, "s", float(np.sign(z[at]))))
+
+
+def _courses(state: State, found: Analysis) -> list[Finding]:
+    """Scores of a straight line in time and of the temperature."""
+    out = []
+    t = state.time_s
+    shapes = [("ramp", t - t.mean(), Where("time", float(t[0]), float(t[-1]), "s", 0.0))]
+    T = state.temperature
+    if T is not None and float(np.ptp(T)) > 1e-6:
+        place = Where("regressor", float(T.min()), float(T.max()), "degC", 0.0)
+        shapes.append(("temperature", T - T.mean(), place))
+    weight = found.inverse_psd * state.sample_time_s
+    for name, shape, place in shapes:
+        x = fft.dct(shape, norm="ortho")
+        power = float(x @ (weight * x))
+        z = float(x @ (weight * found.coefficients)) / np.sqrt(max(power, 1e-300))
+        out.append(_finding(name, log_p_of(z), replace(place, z=float(np.sign(z)))))
+    return out
+
+
+def _refit(state: State, found: Analysis) -> Finding | None:
+    """Gain of letting the model's own parameters go: chi-square over their number."""
+    q = state.prior.centre.size
+    if q == 0 or not np.isfinite(state.prior.std_error).any():
+        return None
+    free = map_fit(
+        found.fit.effects, found.ordinates, without(state.prior, list(range(q))), state.floor
+    )
+    gain = max(free.objective - found.fit.objective, 0.0)
+    log_p = float(np.log(max(chdtrc(q, 2.0 * gain), 1e-300)))
+    if log_p < -650.0:
+        log_p = -gain
+    f = found.white.frequency_hz
+    return _finding("refit", log_p, Where("spectrum", float(f[0]), float(f[-1]), "Hz", 1.0))

@@ -1,0 +1,366 @@
+"""Candidates: every effect of the catalogue that could close the gap on one channel, with its gain.
+
+All gains are in nats of one objective, the likelihood of the record times the prior of the given
+model, so that adding, refitting and removing compete on equal terms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft
+
+from imu_noise_id.effects.base import Effect
+from imu_noise_id.effects.bias_step import BiasStep
+from imu_noise_id.effects.periodic import Periodic
+from imu_noise_id.effects.random_telegraph import RandomTelegraph, decode
+from imu_noise_id.effects.rate_ramp import RateRamp
+from imu_noise_id.effects.temperature import Temperature
+from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
+from imu_noise_id.effects.white_noise import WhiteNoise
+from imu_noise_id.ordinates import Residual
+from imu_noise_id.recording import Floats
+from imu_noise_id.reconcile.battery import BURST_BLOCKS
+from imu_noise_id.reconcile.compare import step_scores
+from imu_noise_id.reconcile.prior import without
+from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
+from imu_noise_id.reconcile.state import Analysis, Column, State, analyse, course_column
+from imu_noise_id.selection import RESPONSES, SOURCES
+
+PRICE_PER_PARAMETER = 3.0
+LINE_PRICE = 8.0
+SLOW = frozenset({"rate_random_walk", "gauss_markov", "bias_instability"})
+TELEGRAPH_BLOCKS = 1500
+MOST_PER_CHANNEL = {"gauss_markov": 3, "narrow_band": 8, "periodic": 12, "bias_step": 6}
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One way to change a channel's model.
+
+    Attributes
+    ----------
+    action : str
+        ``add``, ``refit`` or ``remove``.
+    effect : Effect
+        With fitted values.
+    gain : float
+        Nats, before its price.
+    price : float
+        Nats, for its parameters and for searching them.
+    state, found : State, Analysis
+        The channel with the change.
+    """
+
+    action: str
+    effect: Effect
+    gain: float
+    price: float
+    state: State
+    found: Analysis
+
+    @property
+    def net(self) -> float:
+        """Nats after the price."""
+        return self.gain - self.price
+
+    @property
+    def label(self) -> str:
+        """What it is called when it is weighed against others."""
+        return self.effect.name if self.action == ADD else f"{self.action} of {self.effect.name}"
+
+
+def candidates(state: State, found: Analysis) -> list[Candidate]:
+    """Every candidate with a positive gain, best first."""
+    out = [
+        *_sources(state, found),
+        *_responses(state, found),
+        *_lines(state, found),
+        *_courses(state, found),
+        *_bursts(state, found),
+        *_refits(state, found),
+        *_removals(state, found),
+    ]
+    slow = [c for c in out if c.effect.name == "gauss_markov" and c.action == ADD and c.gain > 3.0]
+    for candidate in slow[:1]:
+        out += _telegraph(state, found, candidate)
+    return sorted((c for c in out if c.gain > 0.0), key=lambda c: -c.net)
+
+
+def residual_of(found: Analysis) -> Residual:
+    """What a fit leaves, for the effects' own starting values."""
+    return Residual(found.ordinates, found.fit.spectrum.psd, found.fit.spectrum.tangent)
+
+
+def _candidate(
+    action: str, effect: Effect, price: float, before: Analysis, state: State
+) -> Candidate:
+    found = analyse(state)
+    fitted = effect
+    if state.effects and effect in state.effects:
+        fitted = found.fit.effects[state.effects.index(effect)]
+    gain = found.objective - before.objective
+    return Candidate(action, fitted, gain, price, replace(state, effects=found.fit.effects), found)
+
+
+def _count(state: State, name: str) -> int:
+    columns = sum(c.effect.name == name for c in state.columns)
+    return sum(e.name == name for e in state.effects) + columns
+
+
+def _sources(state: State, found: Analysis) -> list[Candidate]:
+    out = []
+    residual = residual_of(found)
+    for kind in SOURCES:
+        if _count(state, kind.name) >= MOST_PER_CHANNEL.get(kind.name, 1):
+            continue
+        for start in kind.starts(residual):
+            price = PRICE_PER_PARAMETER * len(start.free())
+            price += LINE_PRICE if kind.name == "narrow_band" else 0.0
+            grown = replace(state, effects=(*found.fit.effects, start))
+            out.append(_candidate(ADD, start, price, found, grown))
+    if not _count(state, "white_noise"):
+        low = float(np.quantile(found.ordinates.power, 0.1))
+        start = WhiteNoise(float(np.sqrt(max(low, 1e-300))))
+        grown = replace(state, effects=(*found.fit.effects, start))
+        out.append(_candidate(ADD, start, PRICE_PER_PARAMETER, found, grown))
+    return out
+
+
+def _responses(state: State, found: Analysis) -> list[Candidate]:
+    """Filters; what they cut may have been louder before them, so the level beneath is free."""
+    out = []
+    f, dt = found.ordinates.frequency_hz, state.sample_time_s
+    for kind in RESPONSES:
+        if _count(state, kind.name):
+            continue
+        ranked = []
+        for start in kind.starts(residual_of(found)):
+            relative = found.fit.spectrum.psd * start.power_response(f, dt)
+            level = found.ordinates.dof @ (found.ordinates.power / relative)
+            level /= found.ordinates.dof.sum()
+            misfit = found.ordinates.power / (relative * level)
+            loss = 0.5 * float(found.ordinates.dof @ (np.log(relative * level) + misfit))
+            ranked.append((loss, start))
+        ranked.sort(key=lambda item: item[0])
+        for _, start in ranked[:2]:
+            price = PRICE_PER_PARAMETER * len(start.free())
+            grown = replace(state, effects=(*found.fit.effects, start))
+            out.append(_candidate(ADD, start, price, found, grown))
+    return out
+
+
+def line_columns(frequency_hz: float, state: State) -> tuple[Column, Column]:
+    """Cosine and sine of one line."""
+    phase = 2.0 * np.pi * frequency_hz * state.time_s
+    line = Periodic(frequency_hz, 1.0)
+    return Column(line, np.cos(phase)), Column(line, np.sin(phase))
+
+
+def strongest_line(samples: Floats, sample_time_s: float) -> float:
+    """Frequency of the largest ordinate, refined by a parabola through its padded neighbours, Hz."""
+    n = samples.size
+    power = np.abs(fft.rfft(samples)) ** 2
+    power[0] = 0.0
+    peak = int(np.argmax(power))
+    # the periodogram on a grid of an eighth of the spacing about the peak
+    offsets = np.arange(-8, 9) / 8.0
+    t = np.arange(n)
+    base = samples * np.exp(-2j * np.pi * peak / n * t)
+    values = [abs(base @ np.exp(-2j * np.pi * d / n * t)) ** 2 for d in offsets]
+    best = int(np.clip(np.argmax(values), 1, offsets.size - 2))
+    left, middle, right = values[best - 1 : best + 2]
+    bend = left - 2.0 * middle + right
+    shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    return float((peak + offsets[best] + shift / 8.0) / (n * sample_time_s))
+
+
+def _lines(state: State, found: Analysis) -> list[Candidate]:
+    if _count(state, "periodic") >= 2 * MOST_PER_CHANNEL["periodic"]:
+        return []
+    frequency_hz = strongest_line(found.white.samples, state.sample_time_s)
+    pair = line_columns(frequency_hz, state)
+    grown = replace(state, columns=(*state.columns, *pair), effects=found.fit.effects)
+    trial = _candidate(ADD, pair[0].effect, 0.0, found, grown)
+    amplitude = float(np.hypot(*trial.found.sizes[-2:]))
+    price = 2.0 * PRICE_PER_PARAMETER + LINE_PRICE
+    return [replace(trial, effect=Periodic(frequency_hz, max(amplitude, 1e-300)), price=price)]
+
+
+def _courses(state: State, found: Analysis) -> list[Candidate]:
+    out = []
+    if _count(state, "bias_step") < MOST_PER_CHANNEL["bias_step"]:
+        z, _, _ = step_scores(state, found)
+        edge = max(16, z.size // 200)
+        at = edge + int(np.argmax(np.abs(z[edge : z.size - edge])))
+        time_s = state.start_s + (at + 1) * state.sample_time_s
+        out.append(_course(state, found, BiasStep(time_s, 1.0), "height", 2))
+    if not _count(state, "rate_ramp"):
+        out.append(_course(state, found, RateRamp(1.0), "slope", 1))
+    T = state.temperature
+    if T is not None and float(np.ptp(T)) > 1e-6 and not _count(state, "temperature"):
+        out.append(_course(state, found, Temperature(1.0), "coefficient", 1))
+    return out
+
+
+def _course(
+    state: State, found: Analysis, effect: Effect, size_name: str, parameters: int
+) -> Candidate:
+    column = course_column(effect, state, size_name)  # type: ignore[arg-type]
+    grown = replace(state, columns=(*state.columns, column), effects=found.fit.effects)
+    trial = _candidate(ADD, effect, PRICE_PER_PARAMETER * parameters, found, grown)
+    fitted = effect.replace(**{size_name: float(trial.found.sizes[-1])})
+    return replace(trial, effect=fitted)
+
+
+def quieten(values: Floats, first: int, last: int, ratio: float, smooth: int) -> Floats:
+    """Values with the fast noise of [first, last) divided by sqrt(ratio); slow parts stay."""
+    slow = _moving_mean(values, smooth)
+    out = values.copy()
+    inside = slice(first, last)
+    out[inside] = slow[inside] + (values[inside] - slow[inside]) / np.sqrt(ratio)
+    return out
+
+
+def _moving_mean(values: Floats, width: int) -> Floats:
+    half = max(width // 2, 1)
+    padded = np.concatenate(
+        (np.full(half, values[:half].mean()), values, np.full(half, values[-half:].mean()))
+    )
+    total = np.concatenate(([0.0], np.cumsum(padded - values[0])))
+    return np.asarray((total[2 * half :] - total[: -2 * half]) / (2 * half) + values[0])[
+        : values.size
+    ]
+
+
+def _bursts(state: State, found: Analysis) -> list[Candidate]:
+    white = found.white.samples
+    first, last, ratio, gain = variance_scan(white, BURST_BLOCKS)
+    if gain < 6.0:
+        return []
+    first, last = _sharpen(white, first, last, white.size // BURST_BLOCKS)
+    inside = float(np.mean(white[first:last] ** 2))
+    outside = float(np.mean(np.concatenate((white[:first], white[last:])) ** 2))
+    ratio = inside / outside
+    times = state.start_s + state.sample_time_s * np.array([first, last])
+    effect = VarianceChange(float(times[0]), float(times[1]), ratio)
+    smooth = max(int(round(1.0 / state.sample_time_s)), 8)
+    quiet = state.with_values(quieten(state.values, first, last, ratio, smooth))
+    after = analyse(replace(quiet, effects=found.fit.effects))
+    quiet = replace(quiet, effects=after.fit.effects)
+    return [Candidate(ADD, effect, gain, 3.0 * PRICE_PER_PARAMETER, quiet, after)]
+
+
+def _sharpen(white: Floats, first: int, last: int, block: int) -> tuple[int, int]:
+    """Edges of a burst to the sample: the best within a block of either side."""
+    energy = np.concatenate(([0.0], np.cumsum(white**2)))
+    n = white.size
+
+    def gain(i: np.ndarray, j: np.ndarray) -> Floats:
+        inside = energy[j] - energy[i]
+        m = (j - i).astype(float)
+        outside = energy[-1] - inside
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(
+                -m * np.log(inside / m) - (n - m) * np.log(outside / np.maximum(n - m, 1.0))
+            )
+
+    starts = np.arange(max(first - block, 0), min(first + block, last - 2) + 1)
+    if first > 0:
+        first = int(starts[np.nanargmax(gain(starts, np.full(starts.size, last)))])
+    ends = np.arange(max(last - block, first + 2), min(last + block, n) + 1)
+    if last < n - block:
+        last = int(ends[np.nanargmax(gain(np.full(ends.size, first), ends))])
+    return first, last
+
+
+def _rows_of(state: State, index: int) -> list[int]:
+    before = sum(len(e.free()) for e in state.effects[:index])
+    return list(range(before, before + len(state.effects[index].free())))
+
+
+def _refits(state: State, found: Analysis) -> list[Candidate]:
+    """Let go of one of the model's effects at a time."""
+    out = []
+    for index, effect in enumerate(found.fit.effects):
+        rows = [r for r in _rows_of(state, index) if r < state.prior.centre.size]
+        if not rows or not np.isfinite(state.prior.std_error).any():
+            continue
+        price = PRICE_PER_PARAMETER * len(rows)
+        freed = replace(state, effects=found.fit.effects, prior=without(state.prior, rows))
+        trial = _candidate(REFIT, effect, price, found, freed)
+        out.append(replace(trial, effect=trial.found.fit.effects[index]))
+    return out
+
+
+def _removals(state: State, found: Analysis) -> list[Candidate]:
+    """Leave out one of the model's effects; worth it where its absence explains more."""
+    out = []
+    for index, effect in enumerate(found.fit.effects):
+        rows = _rows_of(state, index)
+        in_prior = [r for r in rows if r < state.prior.centre.size]
+        if not in_prior or len(found.fit.effects) < 2:
+            continue
+        effects = found.fit.effects[:index] + found.fit.effects[index + 1 :]
+        if not any(e.name in ("white_noise", "quantization") for e in effects):
+            continue
+        prior = _marginal(state, in_prior)
+        out.append(
+            replace(
+                _candidate(
+                    REMOVE, effect, 0.0, found, replace(state, effects=effects, prior=prior)
+                ),
+                effect=effect,
+            )
+        )
+    for index, column in enumerate(state.columns):
+        if column.given:
+            columns = state.columns[:index] + state.columns[index + 1 :]
+            fewer = replace(state, columns=columns, effects=found.fit.effects)
+            out.append(_candidate(REMOVE, column.effect, 0.0, found, fewer))
+    return out
+
+
+def _marginal(state: State, rows: list[int]):  # type: ignore[no-untyped-def]
+    """Prior of the parameters that stay when ``rows`` leave the model."""
+    prior = without(state.prior, rows)
+    keep = np.setdiff1d(np.arange(prior.centre.size), rows)
+    inside = np.flatnonzero(np.any(prior.axes[keep] != 0.0, axis=0)) if keep.size else keep
+    return replace(
+        prior,
+        centre=prior.centre[keep],
+        axes=prior.axes[np.ix_(keep, inside)],
+        std_error=prior.std_error[inside],
+    )
+
+
+def _telegraph(state: State, found: Analysis, like: Candidate) -> list[Candidate]:
+    """Two levels with the spectrum of a Gauss-Markov candidate, decoded from block means.
+
+    Whittle's likelihood of the record without the decoded course, plus what the hidden Markov model
+    says of all courses against that one.
+    """
+    if _count(state, "random_telegraph"):
+        return []
+    dwell_s = 2.0 * float(like.effect.correlation_time_s)  # type: ignore[attr-defined]
+    n = state.values.size
+    block = max(int(dwell_s / state.sample_time_s / 16.0), n // TELEGRAPH_BLOCKS, 1)
+    count = n // block
+    if count < 50:
+        return []
+    rest = np.asarray(fft.idct(found.coefficients, norm="ortho"))
+    means = rest[: count * block].reshape(count, block).mean(axis=1)
+    decoded = decode(means, dwell_s / state.sample_time_s / block)
+    if not decoded.upper.any() or decoded.upper.all():
+        return []
+    course = np.repeat(decoded.upper, block).astype(float)
+    course = np.concatenate((course, np.full(n - course.size, course[-1])))
+    height = decoded.high - decoded.low
+    effect = RandomTelegraph(height, decoded.mean_dwell * block * state.sample_time_s)
+    cleaned = state.with_values(state.values - height * course)
+    after = analyse(replace(cleaned, effects=found.fit.effects))
+    gain = after.objective - found.objective
+    gain += decoded.log_likelihood - decoded.path_log_likelihood
+    settled = replace(cleaned, effects=after.fit.effects)
+    return [Candidate(ADD, effect, gain, 2.0 * PRICE_PER_PARAMETER, settled, after)]

@@ -1,0 +1,181 @@
+"""Reconciliation from recording and model to verdicts and a mended model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+
+from imu_noise_id.effects.cross_axis import CrossAxis
+from imu_noise_id.model import ChannelModel, NoiseModel
+from imu_noise_id.recording import Channel, Recording
+from imu_noise_id.reconcile.axes import Tie, ties
+from imu_noise_id.reconcile.clean import open_topic
+from imu_noise_id.reconcile.compare import Finding, Findings
+from imu_noise_id.reconcile.explain import Candidate, candidates
+from imu_noise_id.reconcile.mended import channel_result, mended_model, unmodelled
+from imu_noise_id.reconcile.null import z_of
+from imu_noise_id.reconcile.result import ADD, REFIT, ChannelReconciliation, Reconciliation, Where
+from imu_noise_id.reconcile.work import Work, drafted
+
+FALSE_ALARM_RATE = 0.01
+TOLD_APART = 5.0
+LEAST_GAIN = 6.0
+MOST_STEPS = 6
+TIES_SHARE = 0.15
+TIMING_SHARE = 0.05
+
+
+def reconcile_recording(
+    recording: Recording,
+    model: NoiseModel,
+    seed: int = 0,
+    workers: int = 2,
+    false_alarm_rate: float = FALSE_ALARM_RATE,
+    progress: Callable[[str], None] | None = None,
+) -> Reconciliation:
+    """Compare a recording with a model, name what is missing, and mend the model.
+
+    Parameters
+    ----------
+    recording : Recording
+    model : NoiseModel
+        Its parameters float within their intervals; a value without one (typed by hand) is taken as
+        known to 1 %.
+    seed : int
+        Of the draws that stand in for missing or clipped samples.
+    workers : int
+        Threads; the result does not depend on their number.
+    false_alarm_rate : float
+        Chance that a recording of the model itself is changed in any channel.
+    progress : callable, optional
+        Told each channel's name when it is done.
+
+    Returns
+    -------
+    Reconciliation
+    """
+    models = {c.name: c for c in model.channels}
+    known = [c for c in recording.channels if c.name in models and c.still.any()]
+    levels = _Levels(false_alarm_rate, known)
+    by_topic = {
+        t: [c for c in known if c.topic == t] for t in dict.fromkeys(c.topic for c in known)
+    }
+    works: dict[str, Work] = {}
+    for number, channels in enumerate(by_topic.values()):
+        rng = np.random.default_rng([seed, number])
+        opened = open_topic(channels, models, recording, levels.timing, rng)
+        works.update({w.name: w for w in opened})
+    works = _tie(works, models, levels.tie)
+
+    def explained(name: str) -> Work:
+        done = explain(works[name], levels.channel)
+        if progress is not None:
+            progress(name)
+        return done
+
+    with ThreadPoolExecutor(max(workers, 1)) as pool:
+        results = dict(zip(works, pool.map(explained, works), strict=True))
+    return _assemble(recording, model, results, levels)
+
+
+class _Levels:
+    """How the false-alarm rate of the recording is shared out, logarithms."""
+
+    def __init__(self, rate: float, channels: list[Channel]) -> None:
+        pairs = max(len(channels) * (len(channels) - 1) // 2, 1)
+        topics = max(len({c.topic for c in channels}), 1)
+        self.rate = rate
+        self.tie = float(np.log(TIES_SHARE * rate / pairs))
+        self.timing = float(np.log(TIMING_SHARE * rate / topics))
+        left = 1.0 - TIES_SHARE - TIMING_SHARE
+        self.channel = float(np.log(left * rate / max(len(channels), 1)))
+
+
+def _tie(
+    works: dict[str, Work], models: dict[str, ChannelModel], log_level: float
+) -> dict[str, Work]:
+    """Answer correlations between channels, strongest first; both channels get the step."""
+    found = ties({n: w.found.white for n, w in works.items()}, models)
+    out = dict(works)
+    for tie in sorted((t for t in found if t.log_p < log_level), key=lambda t: t.log_p):
+        for name, other in ((tie.first, tie.second), (tie.second, tie.first)):
+            out[name] = _tied(out[name], other, tie)
+    return out
+
+
+def _tied(work: Work, other: str, tie: Tie) -> Work:
+    z = z_of(tie.log_p)
+    finding = Finding("cross_axis", tie.log_p, z, Where("axes", tie.value, tie.value, "1", z))
+    action = REFIT if tie.given else ADD
+    before = replace(work, unmet=(*work.unmet, finding))
+    return drafted(before, work, action, CrossAxis(other, tie.value), finding)
+
+
+def explain(work: Work, log_level: float) -> Work:
+    """Change one channel's model until nothing significant is left or nothing helps.
+
+    A change is kept only where the worst statistic falls to half, or where others after it bring it
+    there; what remains significant is left unexplained.
+    """
+    trail: list[tuple[Work, Findings]] = [(work, work.findings())]
+    while len(trail) <= MOST_STEPS:
+        current, findings = trail[-1]
+        if findings.log_p > log_level:
+            break
+        pick = _choose(candidates(current.state, current.found))
+        if pick is None:
+            break
+        best, rival = pick
+        after = replace(current, state=best.state, found=best.found)
+        if best.effect.name == "random_telegraph":
+            after = replace(after, skip=after.skip | {"levels"})
+        after = replace(after, drafts=current.drafts)
+        trail.append((_noted(current, after, best, findings.worst, rival), after.findings()))
+    return _halved(trail, log_level)
+
+
+def _noted(before: Work, after: Work, best: Candidate, finding: Finding, rival: str) -> Work:
+    return drafted(before, after, best.action, best.effect, finding, rival)
+
+
+def _choose(found: list[Candidate]) -> tuple[Candidate, str] | None:
+    """Best candidate with the name of an equal one, or None where none is worth its price."""
+    if not found or found[0].net <= 0.0 or found[0].gain < LEAST_GAIN:
+        return None
+    best = found[0]
+    rival = next((c for c in found[1:] if c.label != best.label), None)
+    if rival is None or best.net - rival.net >= TOLD_APART:
+        return best, ""
+    return best, rival.label
+
+
+def _halved(trail: list[tuple[Work, Findings]], log_level: float) -> Work:
+    """The last work of the trail whose steps are worth keeping."""
+    if trail[-1][1].log_p > log_level:
+        return trail[-1][0]
+    first = trail[0][1].worst.z
+    kept = trail[0][0]
+    for work, findings in trail[1:]:
+        if abs(findings.worst.z) <= 0.5 * abs(first):
+            kept = work
+    return kept
+
+
+def _assemble(
+    recording: Recording,
+    model: NoiseModel,
+    works: dict[str, Work],
+    levels: _Levels,
+) -> Reconciliation:
+    results: list[ChannelReconciliation] = []
+    for channel in recording.channels:
+        if channel.name in works:
+            results.append(channel_result(works[channel.name], levels.channel))
+        else:
+            results.append(unmodelled(channel, channel.name in {c.name for c in model.channels}))
+    absent = {c.name for c in model.channels} - {c.name for c in recording.channels}
+    notes = tuple(f"{name}: in the model, not in the recording" for name in sorted(absent))
+    return Reconciliation(tuple(results), mended_model(model, works, recording), levels.rate, notes)

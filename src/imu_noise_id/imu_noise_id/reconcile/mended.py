@@ -1,0 +1,284 @@
+"""From what was found on each channel to verdicts, estimates and the mended model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from imu_noise_id.effects.base import Effect
+from imu_noise_id.effects.white_noise import WhiteNoise
+from imu_noise_id.model import (
+    ChannelModel,
+    Estimate,
+    FittedEffect,
+    NoiseModel,
+    TemperatureCourse,
+)
+from imu_noise_id.recording import Channel, Floats, Recording
+from imu_noise_id.reconcile.evidence import sentence
+from imu_noise_id.reconcile.result import (
+    ADD,
+    AGREES,
+    EXPLAINED,
+    REFIT,
+    REMOVE,
+    UNEXPLAINED,
+    ChannelReconciliation,
+    Gap,
+    Step,
+)
+from imu_noise_id.reconcile.work import SIZE_NAMES, Draft, Work
+from imu_noise_id.simulate import in_order
+
+QUANTILE = 1.959963984540054
+TEMPERATURE_POINTS = 500
+
+
+def channel_result(work: Work, log_level: float) -> ChannelReconciliation:
+    """Verdict, gaps and steps of one channel."""
+    findings = work.findings()
+    remaining = findings.significant(log_level)
+    unmet = findings.log_p < log_level
+    verdict = UNEXPLAINED if unmet else EXPLAINED if work.drafts else AGREES
+    after = Gap(work.unseen(work.local), float(np.exp(findings.log_p)), remaining if unmet else ())
+    before = after
+    if work.drafts:
+        first = work.drafts[0]
+        log_p = min(d.log_p for d in work.drafts) + float(np.log(len(findings.all)))
+        places = tuple(sorted((d.where for d in work.drafts), key=lambda w: -abs(w.z)))
+        before = Gap(first.held_out.gap_before, float(np.exp(min(log_p, 0.0))), places)
+    steps = tuple(_step(work, draft) for draft in _ordered(work.drafts))
+    channel = work.channel
+    return ChannelReconciliation(
+        channel.topic, channel.name, verdict, before, after, steps, work.notes
+    )
+
+
+def unmodelled(channel: Channel, in_model: bool) -> ChannelReconciliation:
+    """Result of a channel that cannot be compared."""
+    note = (
+        "too few samples, or a constant: nothing to compare"
+        if in_model
+        else "the model has no such channel"
+    )
+    gap = Gap(float("nan"), float("nan"))
+    verdict = AGREES if in_model else UNEXPLAINED
+    return ChannelReconciliation(channel.topic, channel.name, verdict, gap, gap, (), (note,))
+
+
+def mended_model(model: NoiseModel, works: dict[str, Work], recording: Recording) -> NoiseModel:
+    """The given model with the steps of every channel."""
+    channels = tuple(
+        mended_channel(works[c.name]) if c.name in works and works[c.name].drafts else c
+        for c in model.channels
+    )
+    temperature = model.temperature
+    added = any(d.effect.name == "temperature" for w in works.values() for d in w.drafts)
+    if added and recording.temperature is not None:
+        temperature = _course(recording.temperature, recording.start_ns)
+    return replace(model, channels=channels, temperature=temperature)
+
+
+def mended_channel(work: Work) -> ChannelModel:
+    """One channel's model with its steps and the values that the recording gives."""
+    gone = [d.effect.name for d in work.drafts if d.action == REMOVE]
+    told = {d.effect.name: d for d in work.drafts if d.action == REFIT}
+    kept: list[FittedEffect] = []
+    spectral = _spectral_estimates(work)
+    used = 0
+    for given in work.model.effects:
+        name = given.name
+        if name in gone:
+            gone.remove(name)
+        elif used < len(spectral) and spectral[used].name == name:
+            kept.append(replace(spectral[used], note=given.note))
+            used += 1
+        elif name in told:
+            kept.append(_estimated(work, told[name]))
+        else:
+            kept.append(given)
+    kept += spectral[used:]
+    spectral_names = {e.name for e in spectral}
+    for draft in work.drafts:
+        if draft.action == ADD and draft.effect.name not in spectral_names:
+            kept.append(_estimated(work, draft))
+    order = in_order(e.effect for e in kept)
+    kept.sort(key=lambda e: next(i for i, o in enumerate(order) if o is e.effect))
+    model = work.model
+    return replace(
+        model,
+        rate_hz=model.rate_hz or work.channel.rate_hz,
+        mean=float(np.mean(work.channel.values)),
+        duration_s=work.channel.duration_s,
+        effects=tuple(kept),
+        log_covariance=_covariance(work, kept, spectral),
+    )
+
+
+def _ordered(drafts: tuple[Draft, ...]) -> list[Draft]:
+    """What was missing comes before what it changed in the rest."""
+    return sorted(drafts, key=lambda d: (ADD, REMOVE, REFIT).index(d.action))
+
+
+def _step(work: Work, draft: Draft) -> Step:
+    channel = work.channel
+    fitted = _estimated(work, draft)
+    unseen = (draft.held_out.gap_before, draft.held_out.gap_after)
+    note = f"between {draft.effect.name} and {draft.rival}" if draft.rival else ""
+    return Step(
+        draft.action,
+        replace(fitted, note=note),
+        draft.whole[0],
+        draft.whole[1],
+        float(np.exp(max(draft.log_p, -700.0))),
+        draft.held_out,
+        sentence(channel.name, channel.unit, draft.action, fitted.effect, draft.rival, unseen),
+    )
+
+
+def _spectral_estimates(work: Work) -> list[FittedEffect]:
+    """Spectral effects with intervals, in the order of the state."""
+    out, row = [], 0
+    covariance = work.found.fit.covariance
+    for effect in work.found.fit.effects:
+        free = effect.free()
+        effect_out = _unheld(effect, work.hold)
+        errors: dict[str, float] = {}
+        for name in free:
+            errors[name] = float(np.sqrt(max(covariance[row, row], 0.0)))
+            errors[name] *= float(getattr(effect_out, name))
+            row += 1
+        out.append(_with_errors(effect_out, errors, work.channel.unit))
+    return out
+
+
+def _unheld(effect: Effect, hold: float) -> Effect:
+    if isinstance(effect, WhiteNoise):
+        return effect.replace(density=effect.density / float(np.sqrt(hold)))
+    return effect
+
+
+def _estimated(work: Work, draft: Draft) -> FittedEffect:
+    """The step's effect with the values and intervals of the final fit."""
+    if draft.action == REMOVE:
+        return _with_errors(draft.effect, {}, work.channel.unit)
+    same = [e for e in _spectral_estimates(work) if e.name == draft.effect.name]
+    if same:
+        return min(same, key=lambda e: _distance(e.effect, draft.effect))
+    name = draft.effect.name
+    for index, column in enumerate(work.state.columns):
+        if column.effect.name != name or not _same_column(column.effect, draft.effect):
+            continue
+        size, error = float(work.found.sizes[index]), float(work.found.errors[index])
+        if name == "periodic":
+            return _line(work, draft, index)
+        size_name = SIZE_NAMES[name]
+        effect = draft.effect.replace(**{size_name: size})
+        errors = {size_name: error}
+        if name == "bias_step":
+            errors["time_s"] = max((error / size) ** 2 * work.channel.duration_s, 1.0 / _rate(work))
+        return _with_errors(effect, errors, work.channel.unit)
+    return _with_errors(draft.effect, _direct_errors(work, draft.effect), work.channel.unit)
+
+
+def _rate(work: Work) -> float:
+    return 1.0 / work.state.sample_time_s
+
+
+def _distance(a: Effect, b: Effect) -> float:
+    pairs = [(float(getattr(a, n)), float(getattr(b, n))) for n in a.free()]
+    return sum(abs(float(np.log(max(x, 1e-300) / max(y, 1e-300)))) for x, y in pairs)
+
+
+def _same_column(a: Effect, b: Effect) -> bool:
+    key = {"periodic": "frequency_hz", "bias_step": "time_s"}.get(a.name)
+    return key is None or getattr(a, key) == getattr(b, key)
+
+
+def _line(work: Work, draft: Draft, index: int) -> FittedEffect:
+    amplitude = float(np.hypot(*work.found.sizes[index : index + 2]))
+    error = float(np.mean(work.found.errors[index : index + 2]))
+    duration_s = work.state.values.size * work.state.sample_time_s
+    # Rife and Boorstyn (1974): sd(f) = sqrt(6) sd(A)/(pi T A) with sd(A)^2 = 2 S/T
+    frequency_error = float(np.sqrt(3.0)) * error / (np.pi * duration_s * max(amplitude, 1e-300))
+    effect = draft.effect.replace(amplitude=amplitude)
+    errors = {"frequency_hz": frequency_error, "amplitude": error}
+    return _with_errors(effect, errors, work.channel.unit)
+
+
+def _direct_errors(work: Work, effect: Effect) -> dict[str, float]:
+    """Standard errors of what is read from counts and moments."""
+    n = float(work.channel.values.size)
+    v = {p.name: getattr(effect, p.name) for p in effect.parameters}
+    if effect.name == "outliers":
+        hits = max(v["rate"] * n, 1.0)
+        rate_error = v["rate"] * np.sqrt(2.0 / hits)
+        return {"rate": float(rate_error), "scale": float(v["scale"] / np.sqrt(1.2 * hits))}
+    if effect.name == "variance_change":
+        inside = max((v["to_s"] - v["from_s"]) * _rate(work), 1.0)
+        outside = max(work.state.values.size - inside, 1.0)
+        edge = 6.0 / max(v["ratio"] - 1.0 - np.log(v["ratio"]), 1e-3) / _rate(work)
+        error = v["ratio"] * np.sqrt(2.0 / inside + 2.0 / outside)
+        return {"from_s": float(edge), "to_s": float(edge), "ratio": float(error)}
+    if effect.name == "random_telegraph":
+        jumps = max(work.channel.duration_s / v["mean_dwell_s"], 1.0)
+        # either level is known as well as white noise lets it be over half of the record
+        psd = float(1.0 / max(np.median(work.found.inverse_psd[1:]), 1e-300))
+        error = 2.0 * np.sqrt(psd / work.channel.duration_s)
+        return {"height": float(error), "mean_dwell_s": float(v["mean_dwell_s"] / np.sqrt(jumps))}
+    if effect.name == "output_rounding":
+        return {"step": 1e-6 * v["step"]}
+    if effect.name == "cross_axis":
+        return {"correlation": float((1.0 - v["correlation"] ** 2) / np.sqrt(n))}
+    if effect.name == "dropouts":
+        gaps = max(v["rate"] * work.channel.duration_s, 1.0)
+        return {k: float(v[k] / np.sqrt(gaps)) for k in ("rate", "mean_length_s")}
+    if effect.name == "timestamp_jitter":
+        return {"std_s": float(v["std_s"] / np.sqrt(n / 1.4))}
+    return {}
+
+
+def _with_errors(effect: Effect, errors: dict[str, float], unit: str) -> FittedEffect:
+    estimates = []
+    for parameter in effect.parameters:
+        value = getattr(effect, parameter.name)
+        error = errors.get(parameter.name)
+        lower = upper = None
+        if error is not None and parameter.positive and value > 0.0:
+            spread = float(np.exp(min(QUANTILE * error / value, 50.0)))
+            lower, upper = value / spread, value * spread
+        elif error is not None:
+            lower, upper = value - QUANTILE * error, value + QUANTILE * error
+        estimates.append(Estimate(value, error, lower, upper, parameter.unit_for(unit)))
+    return FittedEffect(effect, tuple(estimates))
+
+
+def _covariance(work: Work, kept: list[FittedEffect], spectral: list[FittedEffect]) -> Floats:
+    """Covariance of all numeric parameters in order, positive ones as logarithms."""
+    joint = work.found.fit.covariance
+    keys: list[tuple[int, str]] = [(i, n) for i, e in enumerate(spectral) for n in e.effect.free()]
+    rows: list[int | None] = []
+    variances: list[float] = []
+    for fitted in kept:
+        index = next((i for i, e in enumerate(spectral) if e.effect == fitted.effect), None)
+        for parameter, estimate in zip(fitted.effect.parameters, fitted.estimates, strict=True):
+            if isinstance(estimate.value, str):
+                continue
+            key = (index, parameter.name)
+            rows.append(keys.index(key) if index is not None and key in keys else None)  # type: ignore[arg-type]
+            error = estimate.std_error or 0.0
+            scale = float(estimate.value or 1.0) if parameter.positive else 1.0
+            variances.append((error / scale) ** 2)
+    out = np.diag(variances)
+    for i, a in enumerate(rows):
+        for j, b in enumerate(rows):
+            if a is not None and b is not None:
+                out[i, j] = joint[a, b]
+    return out
+
+
+def _course(temperature: Channel, start_ns: int) -> TemperatureCourse:
+    step = max(temperature.values.size // TEMPERATURE_POINTS, 1)
+    time_s = (temperature.stamp_ns[::step] - start_ns) * 1e-9
+    return TemperatureCourse(time_s, temperature.values[::step])

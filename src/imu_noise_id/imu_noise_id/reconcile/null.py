@@ -1,0 +1,122 @@
+"""Null distributions of the battery: simulated once per length, kept on disk.
+
+The battery sees whitened records, which look alike under every right model, so the null depends on
+the number of samples and the sample time only.  Beyond the simulated 90 % point each statistic is
+given the exponential tail of its own mean excess.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.special import log_ndtr, ndtri
+
+from imu_noise_id.recording import Floats
+from imu_noise_id.reconcile.battery import NAMES, battery, white_record
+
+VERSION = 2
+SIMULATIONS = 900
+TAIL_FROM = 0.90
+LENGTHS_PER_OCTAVE = 6
+
+
+@dataclass(frozen=True)
+class Null:
+    """Sorted statistics of simulated white records.
+
+    Attributes
+    ----------
+    names : tuple of str
+    nats : (simulations, statistics) float64
+        Each column rising.
+    """
+
+    names: tuple[str, ...]
+    nats: Floats
+
+    def log_p(self, name: str, nats: float) -> float:
+        """Logarithm of the chance that a right model shows ``nats`` or more."""
+        column = self.nats[:, self.names.index(name)]
+        start = float(np.quantile(column, TAIL_FROM))
+        if nats > start:
+            excess = float(np.mean(column[column > start] - start))
+            return float(np.log(1.0 - TAIL_FROM) - (nats - start) / excess)
+        above = column.size - int(np.searchsorted(column, nats, side="left"))
+        return float(np.log((above + 0.5) / (column.size + 1.0)))
+
+
+def z_of(log_p: float) -> float:
+    """Standard deviations whose two-sided tail has this logarithm."""
+    if log_p > -700.0:
+        return float(-ndtri(0.5 * np.exp(min(log_p, 0.0))))
+    z = np.sqrt(-2.0 * log_p)
+    for _ in range(4):
+        z = np.sqrt(-2.0 * (log_p + np.log(z * np.sqrt(0.5 * np.pi))))
+    return float(z)
+
+
+def log_p_of(z: float) -> float:
+    """Logarithm of the two-sided tail of a standard normal deviate."""
+    return float(np.log(2.0) + log_ndtr(-abs(z)))
+
+
+def load_null(
+    samples: int, sample_time_s: float, workers: int = 2, simulations: int = SIMULATIONS
+) -> Null:
+    """Null for a length, from the cache or simulated and cached.
+
+    Lengths within 6 % share a null: the maxima move by the logarithm of that, 0.06 nats.
+
+    Parameters
+    ----------
+    samples : int
+    sample_time_s : float
+    workers : int
+        Threads; the result does not depend on their number.
+    simulations : int
+    """
+    octave = np.round(np.log2(samples) * LENGTHS_PER_OCTAVE) / LENGTHS_PER_OCTAVE
+    n = int(round(2.0**octave))
+    interval = float(f"{sample_time_s:.2g}")
+    path = _cache_folder() / f"null_v{VERSION}_{n}_{interval:g}_{simulations}.npz"
+    if path.is_file():
+        with np.load(path) as stored:
+            if tuple(stored["names"]) == NAMES:
+                return Null(NAMES, stored["nats"])
+    null = simulate_null(n, interval, workers, simulations)
+    _store(path, null)
+    return null
+
+
+def simulate_null(n: int, sample_time_s: float, workers: int, simulations: int) -> Null:
+    """Battery of simulated white records of n samples, the same on any number of workers."""
+
+    def one(seed: np.random.SeedSequence) -> list[float]:
+        samples = np.random.default_rng(seed).standard_normal(n)
+        return [s.nats for s in battery(white_record(samples, sample_time_s))]
+
+    seeds = np.random.SeedSequence([VERSION, n]).spawn(simulations)
+    with ThreadPoolExecutor(max(workers, 1)) as pool:
+        rows = list(pool.map(one, seeds))
+    return Null(NAMES, np.sort(np.array(rows), axis=0))
+
+
+def _cache_folder() -> Path:
+    root = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(root) / "imu_noise_id"
+
+
+def _store(path: Path, null: Null) -> None:
+    """Write whole or not at all; a folder that cannot be written costs the cache, not the run."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".npz", delete=False) as file:
+            np.savez(file, names=np.array(null.names), nats=null.nats)
+        Path(file.name).replace(path)
+    except OSError:
+        return

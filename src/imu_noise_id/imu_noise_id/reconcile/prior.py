@@ -1,0 +1,237 @@
+"""The given model as prior knowledge: a fit in which it floats within its own uncertainty.
+
+A parameter whose logarithm is known with standard error s is pulled back by
+
+    pi(d) = (sqrt(1 + 4 d^2) - 1)/(4 s^2),
+
+d the distance along an eigenvector of the covariance: d^2/(2 s^2) where the parameter is well
+known, |d|/(2 s^2) beyond, as the chi-square law of an estimated power has it.  A slow term whose
+level is known to a factor of two is not held by a parabola that it never had.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from imu_noise_id.effects.base import Effect, ResponseEffect, StochasticEffect
+from imu_noise_id.model import ChannelModel
+from imu_noise_id.ordinates import Ordinates
+from imu_noise_id.recording import Floats
+from imu_noise_id.whittle import (
+    Spectrum,
+    information,
+    log_likelihood,
+    parameter_vector,
+    spectrum_of,
+    with_parameters,
+)
+
+TYPED_STD_ERROR = 0.01
+"""Relative standard error of a value that comes without one (typed by hand): two digits' worth."""
+WIDEST_STD_ERROR = 3.0
+ITERATIONS = 40
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What the model says of the first parameters of a list of effects.
+
+    Attributes
+    ----------
+    centre : (q,) float64
+        Log parameters of the model's spectral effects; parameters after these are free.
+    axes : (q, q) float64
+        Eigenvectors of the covariance, columns.
+    std_error : (q,) float64
+        Along the eigenvectors; infinite where the prior is dropped.
+    """
+
+    centre: Floats
+    axes: Floats
+    std_error: Floats
+
+    def cost(self, theta: Floats) -> float:
+        """Nats that the distance from the model costs."""
+        d = self.axes.T @ (theta[: self.centre.size] - self.centre)
+        return float(np.sum((np.sqrt(1.0 + 4.0 * d**2) - 1.0) / (4.0 * self.std_error**2)))
+
+    def slope_and_curvature(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Gradient (p,) of the cost and a curvature (p, p) that majorises it."""
+        q = self.centre.size
+        d = self.axes.T @ (theta[:q] - self.centre)
+        weight = 1.0 / (self.std_error**2 * np.sqrt(1.0 + 4.0 * d**2))
+        slope = np.zeros(theta.size)
+        curvature = np.zeros((theta.size, theta.size))
+        slope[:q] = self.axes @ (weight * d)
+        curvature[:q, :q] = (self.axes * weight) @ self.axes.T
+        return slope, curvature
+
+
+@dataclass(frozen=True)
+class MapFit:
+    """Effects at the maximum of likelihood times prior.
+
+    Attributes
+    ----------
+    effects : tuple of Effect
+    objective : float
+        Log-likelihood less the prior's cost, nats.
+    likelihood : float
+    spectrum : Spectrum
+    covariance : (p, p) float64
+        Of the log parameters, data and prior together.
+    """
+
+    effects: tuple[Effect, ...]
+    objective: float
+    likelihood: float
+    spectrum: Spectrum
+    covariance: Floats
+
+
+def spectral(effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
+    """Effects that the spectrum shows and that have a free parameter, in the given order."""
+    kinds = (StochasticEffect, ResponseEffect)
+    return tuple(e for e in effects if isinstance(e, kinds) and e.name != "periodic" and e.free())
+
+
+def prior_of(model: ChannelModel, floor_std_error: float = 0.0) -> Prior:
+    """Prior on the spectral effects of a channel's model.
+
+    Parameters
+    ----------
+    model : ChannelModel
+        Values without covariance or interval are taken as known to ``TYPED_STD_ERROR``.
+    floor_std_error : float
+        Uncertainty to add to every parameter.
+    """
+    numeric: list[tuple[bool, bool]] = []  # (estimated at all, wanted here) of each number
+    for fitted in model.effects:
+        wanted = fitted.effect.free() if spectral((fitted.effect,)) else ()
+        for parameter, estimate in zip(fitted.effect.parameters, fitted.estimates, strict=True):
+            if not isinstance(estimate.value, str):
+                numeric.append((parameter.name in fitted.effect.free(), parameter.name in wanted))
+    effects = spectral(tuple(f.effect for f in model.effects))
+    centre = parameter_vector(effects) if effects else np.zeros(0)
+    covariance = np.eye(centre.size) * TYPED_STD_ERROR**2
+    given = model.log_covariance
+    if given is not None:
+        if given.shape[0] != len(numeric):  # rows of what is estimated only
+            numeric = [pair for pair in numeric if pair[0]]
+        rows = [row for row, pair in enumerate(numeric) if pair[1]]
+        if given.shape == (len(numeric), len(numeric)):
+            covariance = np.nan_to_num(0.5 * (given + given.T))[np.ix_(rows, rows)]
+    if centre.size == 0:
+        return Prior(centre, np.zeros((0, 0)), centre)
+    variance, axes = np.linalg.eigh(covariance)
+    std_error = np.sqrt(np.maximum(variance, 1e-8) + floor_std_error**2)
+    return Prior(centre, axes, np.minimum(std_error, WIDEST_STD_ERROR))
+
+
+def without(prior: Prior, dropped: list[int]) -> Prior:
+    """The prior of the other parameters, the ``dropped`` ones being free."""
+    keep = np.ones(prior.centre.size, dtype=bool)
+    keep[dropped] = False
+    if not keep.any():
+        return Prior(prior.centre, prior.axes, np.full(prior.centre.size, np.inf))
+    covariance = (prior.axes * prior.std_error**2) @ prior.axes.T
+    block = np.zeros_like(covariance)
+    variance, axes = np.linalg.eigh(covariance[np.ix_(keep, keep)])
+    kept, free = np.flatnonzero(keep), np.flatnonzero(~keep)
+    block[np.ix_(kept, np.arange(kept.size))] = axes
+    block[free, kept.size + np.arange(free.size)] = 1.0
+    std_error = np.concatenate((np.sqrt(np.maximum(variance, 1e-8)), np.full(free.size, np.inf)))
+    return Prior(prior.centre, block, std_error)
+
+
+def map_fit(
+    effects: tuple[Effect, ...], ordinates: Ordinates, prior: Prior, floor: float = 0.0
+) -> MapFit:
+    """Maximise Whittle's likelihood times the prior by damped scoring.
+
+    Parameters
+    ----------
+    effects : tuple of Effect
+        The prior's effects first, starting values.
+    ordinates : Ordinates
+    prior : Prior
+    floor : float
+        Known white spectrum beneath everything, unit^2/Hz.
+    """
+    theta = parameter_vector(effects) if effects else np.zeros(0)
+    lower, upper = _limits(effects, ordinates)
+    theta = np.clip(theta, lower, upper)
+    spectrum, likelihood = _evaluate(effects, theta, ordinates, floor)
+    objective = likelihood - prior.cost(theta)
+    damping = 1e-4
+    for _ in range(ITERATIONS):
+        step, promised = _step(spectrum, ordinates, theta, prior, (lower, upper), damping)
+        if promised < 1e-4:
+            break
+        trial = np.clip(theta + step, lower, upper)
+        trial_spectrum, trial_likelihood = _evaluate(effects, trial, ordinates, floor)
+        trial_objective = trial_likelihood - prior.cost(trial)
+        if trial_objective > objective:
+            theta, spectrum, likelihood = trial, trial_spectrum, trial_likelihood
+            objective = trial_objective
+            damping = max(0.1 * damping, 1e-7)
+        else:
+            damping = max(8.0 * damping, 1e-3)
+            if damping > 1e6:
+                break
+    curvature = information(spectrum.tangent, ordinates.dof) + prior.slope_and_curvature(theta)[1]
+    ridge = np.diag(1e-9 * np.diag(curvature) + 1e-3)
+    covariance = np.linalg.inv(curvature + ridge) if theta.size else np.zeros((0, 0))
+    return MapFit(with_parameters(effects, theta), objective, likelihood, spectrum, covariance)
+
+
+def _limits(effects: tuple[Effect, ...], ordinates: Ordinates) -> tuple[Floats, Floats]:
+    pairs: list[tuple[float, float]] = []
+    for effect in effects:
+        limits = effect.limits(ordinates.sample_time_s, ordinates.duration_s)
+        if len(limits) != len(effect.free()):
+            names = [p.name for p in effect.parameters]
+            limits = tuple(limits[names.index(name)] for name in effect.free())
+        values = [float(getattr(effect, name)) for name in effect.free()]
+        pairs += [
+            (min(low, v), max(high, v)) for (low, high), v in zip(limits, values, strict=True)
+        ]
+    bounds = np.array(pairs).reshape(-1, 2)
+    with np.errstate(divide="ignore"):
+        return np.log(bounds[:, 0]), np.log(bounds[:, 1])
+
+
+def _evaluate(
+    effects: tuple[Effect, ...], theta: Floats, ordinates: Ordinates, floor: float
+) -> tuple[Spectrum, float]:
+    spectrum = spectrum_of(
+        with_parameters(effects, theta), ordinates.frequency_hz, ordinates.sample_time_s, floor
+    )
+    return spectrum, log_likelihood(spectrum.psd, ordinates)
+
+
+def _step(
+    spectrum: Spectrum,
+    ordinates: Ordinates,
+    theta: Floats,
+    prior: Prior,
+    limits: tuple[Floats, Floats],
+    damping: float,
+) -> tuple[Floats, float]:
+    pull, curvature = prior.slope_and_curvature(theta)
+    misfit = ordinates.power / spectrum.psd - 1.0
+    slope = spectrum.tangent @ (0.5 * ordinates.dof * misfit) - pull
+    stuck = ((theta <= limits[0]) & (slope < 0.0)) | ((theta >= limits[1]) & (slope > 0.0))
+    move = np.flatnonzero(~stuck)
+    step = np.zeros_like(theta)
+    if move.size == 0:
+        return step, 0.0
+    J = information(spectrum.tangent[move], ordinates.dof) + curvature[np.ix_(move, move)]
+    scale = np.maximum(np.diag(J), 1e-6)
+    step[move] = np.linalg.solve(J + np.diag((damping + 1e-9) * scale), slope[move])
+    longest = float(np.abs(step).max())
+    if longest > 1.5:
+        step *= 1.5 / longest
+    return step, float(slope @ step)

@@ -1,0 +1,186 @@
+"""One channel under comparison: its record, its current model, and what the model leaves of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft
+
+from imu_noise_id.effects.base import CourseEffect, Effect
+from imu_noise_id.ordinates import Ordinates, bin_edges, ordinates
+from imu_noise_id.recording import Floats
+from imu_noise_id.reconcile.battery import Whitened
+from imu_noise_id.reconcile.prior import MapFit, Prior, map_fit
+from imu_noise_id.whittle import spectrum_of
+
+COURSE_ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class Column:
+    """A signal of known shape and unknown size in the record.
+
+    Attributes
+    ----------
+    effect : Effect
+        With ``size`` 1 for courses; lines have two columns of one effect.
+    shape : (n,) float64
+    size, std_error : float
+        What the given model says of the size; infinite ``std_error`` where it is free.
+    given : bool
+        Whether the given model has it.
+    """
+
+    effect: Effect
+    shape: Floats
+    size: float = 0.0
+    std_error: float = np.inf
+    given: bool = False
+
+
+@dataclass(frozen=True)
+class State:
+    """Record and current model of one channel.
+
+    Attributes
+    ----------
+    values : (n,) float64
+        Complete, cleaned of what is not noise by its spectrum (hits, bursts, holds).
+    sample_time_s, start_s : float
+    temperature : (n,) float64 or None
+    effects : tuple of Effect
+        Spectral effects, those of the prior first.
+    prior : Prior
+    columns : tuple of Column
+    floor : float
+        White spectrum of the rounding, unit^2/Hz.
+    """
+
+    values: Floats
+    sample_time_s: float
+    start_s: float
+    temperature: Floats | None
+    effects: tuple[Effect, ...]
+    prior: Prior
+    columns: tuple[Column, ...] = ()
+    floor: float = 0.0
+
+    @property
+    def time_s(self) -> Floats:
+        """Time of each sample since the recording's first stamp."""
+        return self.start_s + self.sample_time_s * np.arange(self.values.size)
+
+    def with_values(self, values: Floats) -> State:
+        """The same model on other samples."""
+        return replace(self, values=values)
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """A state's best fit and what it leaves.
+
+    Attributes
+    ----------
+    fit : MapFit
+    objective : float
+        Log-likelihood less all prior costs, nats.
+    sizes, errors : (c,) float64
+        Of the columns, with standard errors.
+    ordinates : Ordinates
+        Of the record without its columns.
+    white : Whitened
+    inverse_psd : (n,) float64
+        1/S at each DCT ordinate, 0 at the level.
+    coefficients : (n,) float64
+        DCT of the record without its columns.
+    """
+
+    fit: MapFit
+    objective: float
+    sizes: Floats
+    errors: Floats
+    ordinates: Ordinates
+    white: Whitened
+    inverse_psd: Floats
+    coefficients: Floats
+
+
+def analyse(state: State) -> Analysis:
+    """Fit a state's effects within their prior and its columns, and whiten what is left."""
+    C = _dct(state.values - state.values[0])
+    X = np.array([_dct(c.shape) for c in state.columns]).reshape(-1, C.size)
+    sizes = np.array([c.size for c in state.columns])
+    errors = np.zeros(sizes.size)
+    effects = state.effects
+    rounds = 1 + (COURSE_ROUNDS if state.columns else 0)
+    for turn in range(rounds):
+        rest = C - sizes @ X if sizes.size else C
+        bins = ordinates(rest, state.sample_time_s)
+        fitted = map_fit(effects, bins, state.prior, state.floor)
+        effects = fitted.effects
+        inverse = inverse_psd(fitted.effects, C.size, state.sample_time_s, state.floor)
+        if turn < rounds - 1:
+            sizes, errors = _generalised_least_squares(state, C, X, inverse)
+    cost = sum(
+        0.5 * ((size - c.size) / c.std_error) ** 2
+        for size, c in zip(sizes, state.columns, strict=True)
+    )
+    white = whiten(rest, bins, fitted.spectrum.psd, inverse, state)
+    return Analysis(fitted, fitted.objective - cost, sizes, errors, bins, white, inverse, rest)
+
+
+def whiten(
+    coefficients: Floats, bins: Ordinates, psd: Floats, inverse: Floats, state: State
+) -> Whitened:
+    """Record of unit white noise where ``psd`` is right."""
+    scaled = coefficients * np.sqrt(inverse * state.sample_time_s)
+    samples = np.asarray(fft.idct(scaled, norm="ortho"))
+    return Whitened(
+        samples, bins.frequency_hz, bins.power / psd, bins.dof, state.sample_time_s, state.start_s
+    )
+
+
+def inverse_psd(effects: tuple[Effect, ...], n: int, sample_time_s: float, floor: float) -> Floats:
+    """1/S at the n DCT ordinates, interpolated between bins; 0 for the level."""
+    edges = bin_edges(n, sample_time_s)
+    middle = 0.5 * (edges[:-1] + edges[1:] - 1)
+    log_psd = np.log(
+        spectrum_of(effects, middle / (2.0 * n * sample_time_s), sample_time_s, floor).psd
+    )
+    inverse = np.exp(-np.interp(np.arange(n), middle, log_psd))
+    inverse[0] = 0.0
+    return np.asarray(inverse)
+
+
+def course_column(
+    effect: CourseEffect,
+    state: State,
+    size_name: str,
+    std_error: float = np.inf,
+    given: bool = False,
+) -> Column:
+    """Column of a course that is proportional to its parameter ``size_name``."""
+    size = float(getattr(effect, size_name))
+    unit = effect.replace(**{size_name: 1.0})
+    assert isinstance(unit, CourseEffect)
+    shape = unit.course(state.time_s, state.temperature)
+    return Column(unit, shape, size if given else 0.0, std_error, given)
+
+
+def _dct(values: Floats) -> Floats:
+    return np.asarray(fft.dct(values, norm="ortho"))
+
+
+def _generalised_least_squares(
+    state: State, C: Floats, X: Floats, inverse: Floats
+) -> tuple[Floats, Floats]:
+    weight = inverse * state.sample_time_s
+    prior = np.array([1.0 / c.std_error**2 for c in state.columns])
+    centre = np.array([c.size for c in state.columns])
+    normal = (X * weight) @ X.T + np.diag(prior)
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10)
+    covariance /= np.outer(scale, scale)
+    right = (X * weight) @ C + np.diag(prior) @ centre
+    return covariance @ right, np.sqrt(np.diag(covariance))

@@ -1,0 +1,202 @@
+"""One channel on its way through reconciliation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from imu_noise_id.effects.base import CourseEffect, Effect
+from imu_noise_id.effects.output_rounding import OutputRounding
+from imu_noise_id.effects.periodic import Periodic
+from imu_noise_id.effects.white_noise import WhiteNoise
+from imu_noise_id.model import ChannelModel
+from imu_noise_id.recording import Channel, Floats
+from imu_noise_id.reconcile.compare import Finding, Findings, examine
+from imu_noise_id.reconcile.explain import line_columns
+from imu_noise_id.reconcile.gap import LOCAL, held_out_score, whole_score
+from imu_noise_id.reconcile.null import Null
+from imu_noise_id.reconcile.prior import Prior, prior_of, spectral
+from imu_noise_id.reconcile.result import HeldOut, Where
+from imu_noise_id.reconcile.state import Analysis, Column, State, analyse, course_column
+from imu_noise_id.whittle import parameter_vector
+
+SIZE_NAMES = {"rate_ramp": "slope", "bias_step": "height", "temperature": "coefficient"}
+"""Parameter to which a course is proportional."""
+
+TYPED_SIZE_ERROR = 0.01
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A step before its estimates and its sentence are written.
+
+    Attributes
+    ----------
+    action : str
+    effect : Effect
+    log_p : float
+    where : Where
+        What the step answers.
+    rival : str
+        Another name that fits as well, or empty.
+    whole : tuple of (float, float)
+        Score of the whole record before and after.
+    held_out : HeldOut
+    """
+
+    action: str
+    effect: Effect
+    log_p: float
+    where: Where
+    rival: str
+    whole: tuple[float, float]
+    held_out: HeldOut
+
+
+@dataclass(frozen=True)
+class Work:
+    """Record, model and findings of one channel.
+
+    Attributes
+    ----------
+    channel : Channel
+    model : ChannelModel
+        As given.
+    null : Null
+    state, found : State, Analysis
+        Now.
+    hold : float
+        Messages per sample of ``state``.
+    skip : frozenset of str
+        Statistics that whitening does not make fit for this channel.
+    unmet : tuple of Finding
+        What is wrong outside the whitened record, until a step answers it.
+    lasting : tuple of Finding
+        Findings of the hits' distribution, kept to the end.
+    drafts : tuple of Draft
+    notes : tuple of str
+    """
+
+    channel: Channel
+    model: ChannelModel
+    null: Null
+    state: State
+    found: Analysis
+    hold: float = 1.0
+    skip: frozenset[str] = frozenset()
+    unmet: tuple[Finding, ...] = ()
+    lasting: tuple[Finding, ...] = ()
+    drafts: tuple[Draft, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the channel."""
+        return self.channel.name
+
+    @property
+    def local(self) -> bool:
+        """Whether a step is local in time, so that the held-out part is the odd samples."""
+        return any(d.effect.name in LOCAL for d in self.drafts)
+
+    def findings(self) -> Findings:
+        """The battery as things stand."""
+        examined = examine(self.state, self.found, self.null, self.skip)
+        both = (*examined.all, *self.unmet, *self.lasting)
+        return Findings(tuple(sorted(both, key=lambda f: f.log_p)))
+
+    def whole(self) -> float:
+        """Score of the whole record."""
+        return whole_score(self.found, self.null, self.skip, self._extras())
+
+    def unseen(self, local: bool = False) -> float:
+        """Score of the part that no fit has seen."""
+        return held_out_score(self.state, self.found, self.null, self.skip, self._extras(), local)
+
+    def _extras(self) -> tuple[float, ...]:
+        return tuple(f.z for f in (*self.unmet, *self.lasting))
+
+    def analysed(self, state: State) -> Work:
+        """The same with another state."""
+        found = analyse(state)
+        return replace(self, state=replace(state, effects=found.fit.effects), found=found)
+
+
+def drafted(
+    before: Work, after: Work, action: str, effect: Effect, finding: Finding, rival: str = ""
+) -> Work:
+    """``after`` with the step that led to it, scored."""
+    local = effect.name in LOCAL
+    draft = Draft(
+        action,
+        effect,
+        finding.log_p,
+        finding.where,
+        rival,
+        (before.whole(), after.whole()),
+        HeldOut(before.unseen(local), after.unseen(local)),
+    )
+    return replace(after, drafts=(*before.drafts, draft))
+
+
+def initial_state(
+    model: ChannelModel,
+    values: Floats,
+    sample_time_s: float,
+    start_s: float,
+    temperature: Floats | None,
+    hold: float = 1.0,
+) -> State:
+    """State of a channel under the model as given.
+
+    ``hold`` messages carry one of the ``values``: white noise keeps its deviation per sample, so
+    that its density grows by sqrt(hold).
+    """
+    effects = held(spectral(tuple(f.effect for f in model.effects)), hold)
+    prior = prior_of(model)
+    if effects:
+        prior = Prior(parameter_vector(effects), prior.axes, prior.std_error)
+    rounding = next((f.effect for f in model.effects if isinstance(f.effect, OutputRounding)), None)
+    floor = rounding.added_psd(sample_time_s) if rounding else 0.0
+    state = State(values, sample_time_s, start_s, temperature, effects, prior, (), floor)
+    return replace(state, columns=_given_columns(model, state))
+
+
+def held(effects: tuple[Effect, ...], hold: float) -> tuple[Effect, ...]:
+    """Effects of every ``hold``-th sample."""
+    return tuple(
+        e.replace(density=e.density * float(np.sqrt(hold))) if isinstance(e, WhiteNoise) else e
+        for e in effects
+    )
+
+
+def _given_columns(model: ChannelModel, state: State) -> tuple[Column, ...]:
+    columns: list[Column] = []
+    for fitted in model.effects:
+        effect = fitted.effect
+        if effect.name in SIZE_NAMES and isinstance(effect, CourseEffect):
+            if effect.name == "temperature" and state.temperature is None:
+                continue
+            size_name = SIZE_NAMES[effect.name]
+            index = [p.name for p in effect.parameters].index(size_name)
+            size = float(getattr(effect, size_name))
+            error = fitted.estimates[index].std_error or TYPED_SIZE_ERROR * abs(size)
+            columns.append(course_column(effect, state, size_name, error, given=True))
+        elif isinstance(effect, Periodic):
+            columns += line_columns(_frequency_near(effect, state), state)
+    return tuple(columns)
+
+
+def _frequency_near(line: Periodic, state: State) -> float:
+    """Frequency of a given line as the record has it, within two spacings."""
+    n, dt = state.values.size, state.sample_time_s
+    if not 2.0 / (n * dt) < line.frequency_hz < 0.5 / dt:
+        return line.frequency_hz
+    t = np.arange(n)
+    base = (state.values - state.values.mean()) * np.exp(-2j * np.pi * line.frequency_hz * dt * t)
+    size = max(n // 4096, 1)
+    slow = base[: n // size * size].reshape(-1, size).mean(axis=1)
+    offset = np.linspace(-2.0, 2.0, 65) / (n * dt)
+    turns = np.exp(-2j * np.pi * np.outer(offset, np.arange(slow.size) * size * dt))
+    return line.frequency_hz + float(offset[np.argmax(np.abs(turns @ slow))])
