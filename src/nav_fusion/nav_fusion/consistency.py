@@ -1,0 +1,130 @@
+"""Is the covariance true? NIS, NEES and whiteness, each with the band that a true one stays in."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from nav_fusion import observe, core
+from nav_fusion.state import ALIVE, NAV, SLOW, STRIDE
+
+if TYPE_CHECKING:
+    from nav_fusion.engine import Engine, Status
+
+Floats = NDArray[np.float64]
+
+
+def normalised_squares(error: Floats, covariance: Floats) -> Floats:
+    """e' P^-1 e of errors (..., k) with covariances (..., k, k): NEES, or NIS of innovations."""
+    solved = np.linalg.solve(covariance, error[..., None])[..., 0]
+    return np.einsum("...i,...i->...", error, solved)
+
+
+def mean_band(dof: int, count: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Band that the mean of ``count`` independent chi-squares of ``dof`` stays in."""
+    tail = 0.5 * (1.0 - confidence)
+    low, high = stats.chi2.ppf([tail, 1.0 - tail], dof * count) / count
+    return float(low), float(high)
+
+
+def portmanteau(lag_sums: Floats, count: float, components: int) -> float:
+    """Box-Pierce statistic of whitened innovations: n sum over lags of the squared correlation.
+
+    ``lag_sums`` (L,) are sums of e_k . e_{k-l} over ``components``; each, divided by the root of
+    its count and of the components, is close to standard normal for a true filter.
+    """
+    lags = np.arange(1, lag_sums.size + 1)
+    pairs = np.maximum(count - lags, 1.0)
+    return float(np.sum(lag_sums**2 / (components * pairs)))
+
+
+def whiteness_limit(lags: int, confidence: float = 0.99) -> float:
+    """Quantile of the portmanteau statistic under a true filter."""
+    return float(stats.chi2.ppf(confidence, lags))
+
+
+def is_symmetric_positive(P: Floats) -> bool:
+    """Whether a covariance is symmetric to the last bit and has a Cholesky factor."""
+    if not np.array_equal(P, P.T):
+        return False
+    scale = 1.0 / np.sqrt(np.diag(P))
+    return bool(np.linalg.eigvalsh(P * np.outer(scale, scale))[0] > -1e-12)
+
+
+def covariance_of(hypothesis: Floats, slow_states: int) -> Floats:
+    """P (n, n) of a hypothesis."""
+    n = NAV + slow_states
+    return hypothesis[SLOW + slow_states :].reshape(n, STRIDE)[:, :n].copy()
+
+
+def status_of(engine: Engine) -> Status:
+    """Figures of a filter, see :class:`nav_fusion.engine.Status`."""
+    from nav_fusion.engine import Status
+
+    past, core, counts = engine._past, engine._core, engine.counts
+    s = np.zeros(SLOW) if core is None else engine._best()
+    row = np.zeros(core.OUT_SIZE)
+    if core is not None:
+        k = int((core.cursor[core.SAMPLES] - 1) % core.IMU_RING)
+        core.write_output(core, k, row)
+    dof = int(s[observe.DOF_SUM])
+    fixes = dof // 3
+    band = mean_band(3, fixes) if fixes else (None, None)
+    lags = s[observe.WHITE_SUM : observe.WHITE_SUM + observe.LAGS]
+    whiteness = portmanteau(lags, s[observe.WHITE_COUNT], 3) if fixes >= 20 else None
+    limit = whiteness_limit(observe.LAGS)
+    total = {slot: int(past[slot] + s[slot]) for slot in observe.TOTALS}
+    alive = 0 if core is None else int((core.bank[:, ALIVE] > 0).sum())
+    known = s[observe.ALIGNED_S] if s[observe.ALIGNED_S] > 0 else None
+    bias = tuple(map(float, row[core.OUT_BIAS : core.OUT_BIAS + 6]))
+    sigma = tuple(math.sqrt(max(v, 0.0)) for v in
+                  row[core.OUT_BIAS_VARIANCE : core.OUT_BIAS_VARIANCE + 6])
+    return Status(
+        aligned=alive == 1, hypotheses=alive,
+        heading_known_s=None if known is None else float(known),
+        used=total[observe.USED], gated=total[observe.GATED], late=counts.late,
+        rejected=counts.rejected + total[observe.REPEATED],
+        velocity_used=total[observe.VELOCITY_USED], velocity_gated=total[observe.VELOCITY_GATED],
+        heading_used=total[observe.HEADING_USED], heading_gated=total[observe.HEADING_GATED],
+        still_updates=total[observe.STILL_UPDATES], recovered=total[observe.RECOVERED],
+        imu_samples=counts.imu_samples, imu_duplicates=counts.imu_duplicates,
+        imu_out_of_order=counts.imu_out_of_order, imu_non_finite=counts.imu_non_finite,
+        gaps=0 if core is None else int(core.shared[core.GAPS]),
+        gap_s=0.0 if core is None else float(core.shared[core.GAP_S]),
+        nis_last=float(s[observe.LAST_NIS]) if fixes else None,
+        nis_mean=float(s[observe.NIS_SUM]) / fixes if fixes else None,
+        nis_recent=float(s[observe.RECENT_NIS]) if fixes else None,
+        nis_dof=dof, nis_lower=band[0], nis_upper=band[1], whiteness=whiteness,
+        whiteness_limit=limit, white=None if whiteness is None else whiteness < limit,
+        gate=float(stats.chi2.ppf(engine.parameters.gate_confidence, 3)),
+        still=bool(row[core.OUT_STILL]), gyro_bias=bias[:3], accel_bias=bias[3:],
+        gyro_bias_sigma=sigma[:3], accel_bias_sigma=sigma[3:],
+        notes=_all_notes(engine, total, s), fault=engine.fault,
+    )
+
+
+def _all_notes(engine: Engine, total: dict[int, int], s: Floats) -> tuple[str, ...]:
+    """Return the engine's notes and what the counters say."""
+    notes = list(engine.notes)
+    if total[observe.REPEATED]:
+        notes.append(f"{total[observe.REPEATED]} fixes repeat the one before to the last bit "
+                     "(frozen receiver): left out")
+    if total[observe.RECOVERED]:
+        notes.append(f"{total[observe.RECOVERED]} times the filter was started anew from fixes that "
+                     "it had gated without a break")
+    core = engine._core
+    if core is not None:
+        if core.shared[core.GAPS] > 0:
+            notes.append(f"IMU silent {int(core.shared[core.GAPS])} times, "
+                         f"{core.shared[core.GAP_S]:.2f} s in all: propagated with unknown motion")
+        if core.shared[core.FAST_BLOCKS] >= 4:
+            notes.append("angular_velocity stays above 8 rad/s for a second or more: degrees per "
+                         "second, perhaps; it must be rad/s")
+        if (core.bank[:, ALIVE] > 0).sum() > 1:
+            notes.append("heading not observable: no magnetometer, and the platform has not moved "
+                         "enough for the fixes to show it")
+    return tuple(notes)

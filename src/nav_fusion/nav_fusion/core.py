@@ -1,0 +1,569 @@
+"""The compiled filter loop: IMU samples and measurements in order of time, rewound when late.
+
+Everything that depends on the past (states, covariances, counters, the detector of rest) lies in
+the arrays that a checkpoint copies.  A late measurement restores the newest checkpoint before it
+and repeats the steps since; the steps are a function of samples and measurements in order of
+*time* alone, so the bits do not depend on the order of arrival or on the size of the blocks.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from nav_fusion.observe import (
+    ALIGNED_S,
+    Sensing,
+    Update,
+    correct_by_field,
+    correct_by_fix,
+    correct_by_rest,
+    correct_by_velocity,
+    update_arrays,
+)
+from nav_fusion.state import ALIVE, LOG_WEIGHT, NAV, SLOW, STRIDE, Layout, Q, R, SlowModel, V
+from nav_fusion.strapdown import (
+    Scratch,
+    mechanise,
+    propagate_covariance,
+    rotation_matrix,
+    scratch,
+    slow_step,
+)
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FIX, VELOCITY_KIND, FIELD = 0, 1, 2
+"""Kinds of measurement, in the order in which equal stamps are taken."""
+
+Z_SIZE = 18
+IMU_RING = 16384
+MEASUREMENT_RING = 1024
+CHECKPOINTS = 64
+
+# shared: what all hypotheses have in common, rewound with them
+BLOCK_START, BLOCK_COUNT, BLOCK_SUMS = 0, 1, 2
+QUIET_BLOCKS, GAPS, GAP_S, FAST_BLOCKS, STILL = 10, 11, 12, 13, 14
+SHARED = 16
+
+# cursor: where the queues stand (int64)
+SAMPLES, HEAD_MEASUREMENT, NEXT, FIRST_CHECKPOINT, LAST_CHECKPOINT, AHEAD = 0, 1, 2, 3, 4, 5
+CURSOR = 8
+
+# one row of output: r, v, q, then these
+OUT_P, OUT_RATE, OUT_BIAS, OUT_BIAS_VARIANCE = 10, 91, 94, 100
+OUT_HYPOTHESES, OUT_STILL, OUT_SIZE = 106, 107, 108
+
+# times (ns)
+START, CHECKPOINT_PERIOD, PUBLISH_PERIOD, GAP, WINDOW, FURTHEST = 0, 1, 2, 3, 4, 5
+
+ACCEPTED, LATE, TOO_LATE, DUPLICATE, FULL = 0, 1, 2, 3, 4
+"""What became of a measurement."""
+
+
+class Core(NamedTuple):
+    """One filter with all its hypotheses, queues and checkpoints."""
+
+    bank: Floats  # (K, size)
+    shared: Floats  # (SHARED,)
+    cursor: Ints
+    imu_ns: Ints  # (IMU_RING,)
+    rate: Floats  # (IMU_RING, 3)
+    force: Floats
+    measurement_ns: Ints  # (MEASUREMENT_RING,), ascending from 0
+    kind: Ints
+    z: Floats  # (MEASUREMENT_RING, Z_SIZE)
+    checkpoint_bank: Floats  # (CHECKPOINTS, K, size)
+    checkpoint_shared: Floats
+    checkpoint_sample: Ints  # (CHECKPOINTS,) number of samples taken when it was made
+    slow: SlowModel
+    gyro_psd: Floats
+    accel_psd: Floats
+    times: Ints  # start, checkpoint period, publish period, gap, window, furthest ahead; ns
+    gap: Floats  # sigma and correlation time of unknown motion: accel, s, rate, s
+    quiet: Floats  # variance of accel and rate at rest, block s, blocks, fast rate
+    sensing: Sensing
+    work: Scratch
+    update: Update
+    vectors: Floats  # (16, 3) scratch
+    last_dt: Floats
+
+
+def new_core(
+    layout: Layout, hypotheses: Floats, times: Ints, gap: Floats, quiet: Floats, sensing: Sensing
+) -> Core:
+    """Allocate a core that starts from ``hypotheses`` (K, size)."""
+    count, size = hypotheses.shape
+    return Core(
+        hypotheses.copy(), np.zeros(SHARED), np.zeros(CURSOR, dtype=np.int64),
+        np.zeros(IMU_RING, dtype=np.int64), np.zeros((IMU_RING, 3)), np.zeros((IMU_RING, 3)),
+        np.zeros(MEASUREMENT_RING, dtype=np.int64), np.zeros(MEASUREMENT_RING, dtype=np.int64),
+        np.zeros((MEASUREMENT_RING, Z_SIZE)),
+        np.zeros((CHECKPOINTS, count, size)), np.zeros((CHECKPOINTS, SHARED)),
+        np.zeros(CHECKPOINTS, dtype=np.int64), layout.slow, layout.gyro_psd, layout.accel_psd,
+        times, gap, quiet, sensing, scratch(layout.slow.target.size), update_arrays(),
+        np.zeros((16, 3)), np.full(1, -1.0),
+    )
+
+
+@njit(cache=True)
+def total_bias(s: Floats, slow: SlowModel, gyro: Floats, accel: Floats) -> None:
+    """Summed slow terms of each inertial axis."""
+    for i in range(3):
+        gyro[i] = 0.0
+        accel[i] = 0.0
+    for k in range(slow.target.size):
+        t = slow.target[k]
+        if t < 3:
+            gyro[t] += s[SLOW + k]
+        elif t < 6:
+            accel[t - 3] += s[SLOW + k]
+
+
+@njit(cache=True)
+def disturbance_psd(gap_s: float, sigma: float, correlation_s: float) -> float:
+    """White spectrum that stands for unknown motion in a gap: 2 sigma^2 T min(1, (gap/T)^2).
+
+    A straight line across a short gap errs little; across one longer than T it knows nothing.
+    """
+    ratio = min(1.0, gap_s / correlation_s)
+    return 2.0 * sigma * sigma * correlation_s * ratio * ratio
+
+
+@njit(cache=True)
+def gap_spectra(core: Core, gap_s: float, gyro_psd: Floats, accel_psd: Floats) -> None:
+    """White spectra inside a gap: the sensors' and the unknown motion's."""
+    for i in range(3):
+        accel_psd[i] = core.accel_psd[i] + disturbance_psd(gap_s, core.gap[0], core.gap[1])
+        gyro_psd[i] = core.gyro_psd[i] + disturbance_psd(gap_s, core.gap[2], core.gap[3])
+
+
+@njit(cache=True)
+def propagate(core: Core, sample: int, from_ns: int, to_ns: int) -> None:
+    """Take every hypothesis from one time to another inside the interval that ends at a sample."""
+    a, b = (sample - 1) % IMU_RING, sample % IMU_RING
+    whole = float(core.imu_ns[b] - core.imu_ns[a])
+    x0 = float(from_ns - core.imu_ns[a]) / whole
+    x1 = float(to_ns - core.imu_ns[a]) / whole
+    dt = float(to_ns - from_ns) * 1e-9
+    m = core.slow.target.size
+    u, C = core.vectors, core.update.C
+    gyro_psd, accel_psd = core.gyro_psd, core.accel_psd
+    if whole > core.times[GAP]:
+        gyro_psd, accel_psd = u[12], u[13]
+        gap_spectra(core, whole * 1e-9, gyro_psd, accel_psd)
+    if dt != core.last_dt[0]:
+        slow_step(core.slow, dt, core.work.decay, core.work.mean, core.work.half_noise)
+        core.last_dt[0] = dt
+    for h in range(core.bank.shape[0]):
+        s = core.bank[h]
+        if s[ALIVE] == 0.0:
+            continue
+        total_bias(s, core.slow, u[0], u[1])
+        for i in range(3):
+            w0, w1 = core.rate[a, i], core.rate[b, i]
+            f0, f1 = core.force[a, i], core.force[b, i]
+            u[2, i] = w0 + x0 * (w1 - w0) - u[0, i]
+            u[3, i] = w0 + x1 * (w1 - w0) - u[0, i]
+            u[4, i] = f0 + x0 * (f1 - f0) - u[1, i]
+            u[5, i] = f0 + x1 * (f1 - f0) - u[1, i]
+        mechanise(
+            s[R : R + 3], s[V : V + 3], s[Q : Q + 4], u[2], u[3], u[4], u[5], dt, C, u[6], u[7]
+        )
+        propagate_covariance(
+            s[SLOW + m :], C, u[6], s[R : R + 3], u[7], dt, core.slow, gyro_psd, accel_psd,
+            core.work,
+        )
+        for k in range(m):
+            s[SLOW + k] *= core.work.decay[k]
+
+
+@njit(cache=True)
+def heading_of(s: Floats, core: Core) -> float:
+    """Yaw of a hypothesis about the sphere's vertical, for comparison with the others'."""
+    C = core.update.C
+    rotation_matrix(s[Q : Q + 4], C)
+    x, y, z = s[R], s[R + 1], s[R + 2]
+    p = math.sqrt(x * x + y * y)
+    radius = math.sqrt(p * p + z * z)
+    sl, cl = z / radius, p / radius
+    axis = 0
+    up = cl * (x / p * C[0, 0] + y / p * C[1, 0]) + sl * C[2, 0]
+    if abs(up) > 0.98:
+        axis = 1
+    east = -y / p * C[0, axis] + x / p * C[1, axis]
+    north = -sl * (x / p * C[0, axis] + y / p * C[1, axis]) + cl * C[2, axis]
+    return math.atan2(north, east)
+
+
+@njit(cache=True)
+def heading_variance(s: Floats, m: int) -> float:
+    """Variance of psi about the sphere's vertical."""
+    P = s[SLOW + m :]
+    radius2 = s[R] ** 2 + s[R + 1] ** 2 + s[R + 2] ** 2
+    total = 0.0
+    for i in range(3):
+        for j in range(3):
+            total += s[R + i] * s[R + j] * P[(6 + i) * STRIDE + 6 + j]
+    return total / radius2
+
+
+@njit(cache=True)
+def heaviest(core: Core) -> int:
+    """Index of the living hypothesis of largest weight."""
+    best = -1
+    for h in range(core.bank.shape[0]):
+        if core.bank[h, ALIVE] > 0.0 and (
+            best < 0 or core.bank[h, LOG_WEIGHT] > core.bank[best, LOG_WEIGHT]
+        ):
+            best = h
+    return best
+
+
+@njit(cache=True)
+def wrap(angle: float) -> float:
+    """Angle in [-pi, pi)."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+@njit(cache=True)
+def prune(core: Core, time_s: float) -> None:
+    """End hypotheses that are 10^-6 as likely as the best, or that have become the same as it."""
+    best = heaviest(core)
+    if core.bank[best, ALIGNED_S] != 0.0:
+        return
+    m = core.slow.target.size
+    here = heading_of(core.bank[best], core)
+    certain = heading_variance(core.bank[best], m)
+    alive = 0
+    for h in range(core.bank.shape[0]):
+        s = core.bank[h]
+        if s[ALIVE] == 0.0:
+            continue
+        behind = core.bank[best, LOG_WEIGHT] - s[LOG_WEIGHT]
+        apart = wrap(heading_of(s, core) - here)
+        same = certain < 0.01 and apart * apart < 0.25 * certain + 1e-6
+        if h != best and (behind > 13.8 or same):
+            s[ALIVE] = 0.0
+        else:
+            alive += 1
+    if alive == 1:
+        core.bank[best, ALIGNED_S] = time_s
+
+
+@njit(cache=True)
+def correct(core: Core, index: int, sample: int) -> None:
+    """Apply measurement ``index`` to every living hypothesis."""
+    kind, z = core.kind[index], core.z[index]
+    time_s = float(core.measurement_ns[index] - core.times[START]) * 1e-9
+    u = core.vectors
+    for h in range(core.bank.shape[0]):
+        s = core.bank[h]
+        if s[ALIVE] == 0.0:
+            continue
+        if kind == FIX:
+            correct_by_fix(s, core.slow, z, time_s, core.sensing, core.update)
+        elif kind == VELOCITY_KIND:
+            total_bias(s, core.slow, u[0], u[1])
+            for i in range(3):
+                u[2, i] = core.rate[(sample - 1) % IMU_RING, i] - u[0, i]
+            correct_by_velocity(s, core.slow, z, u[2], core.sensing, core.update)
+        else:
+            correct_by_field(s, core.slow, z, core.sensing, core.update)
+    if kind != FIELD:
+        prune(core, time_s)
+
+
+@njit(cache=True)
+def watch_rest(core: Core, sample: int) -> None:
+    """Sum the sample into its block; when the block is full, see whether the platform rests."""
+    d, b = core.shared, sample % IMU_RING
+    time = float(core.imu_ns[b] - core.times[START]) * 1e-9
+    if d[BLOCK_COUNT] == 0.0:
+        d[BLOCK_START] = time
+    d[BLOCK_COUNT] += 1.0
+    for i in range(3):
+        w, f = core.rate[b, i], core.force[b, i]
+        d[BLOCK_SUMS + i] += w
+        d[BLOCK_SUMS + 3 + i] += f
+        d[BLOCK_SUMS + 6] += w * w
+        d[BLOCK_SUMS + 7] += f * f
+    if time - d[BLOCK_START] >= core.quiet[2]:
+        close_block(core, time - d[BLOCK_START])
+
+
+@njit(cache=True)
+def close_block(core: Core, length_s: float) -> None:
+    """Decide whether the block was quiet; correct by rest after enough quiet blocks in a row."""
+    d, mean = core.shared, core.vectors[8]
+    n = d[BLOCK_COUNT]
+    rate2 = 0.0
+    force2 = 0.0
+    for i in range(3):
+        mean[i] = d[BLOCK_SUMS + i] / n
+        rate2 += mean[i] ** 2
+        force2 += (d[BLOCK_SUMS + 3 + i] / n) ** 2
+    quiet = (
+        d[BLOCK_SUMS + 6] / n - rate2 < core.quiet[1]
+        and d[BLOCK_SUMS + 7] / n - force2 < core.quiet[0]
+    )
+    d[QUIET_BLOCKS] = d[QUIET_BLOCKS] + 1.0 if quiet else 0.0
+    if rate2 > core.quiet[4] ** 2:
+        d[FAST_BLOCKS] += 1.0
+    d[BLOCK_START : BLOCK_SUMS + 8] = 0.0
+    d[STILL] = 1.0 if d[QUIET_BLOCKS] >= core.quiet[3] else 0.0
+    if d[STILL] == 0.0 or core.sensing.still[3] == 0.0:
+        return
+    for h in range(core.bank.shape[0]):
+        if core.bank[h, ALIVE] > 0.0:
+            correct_by_rest(
+                core.bank[h], core.slow, mean, core.gyro_psd, length_s, core.sensing, core.update
+            )
+
+
+@njit(cache=True)
+def save_checkpoint(core: Core) -> None:
+    """Copy all that is rewound into the ring, over the oldest."""
+    c = core.cursor
+    c[LAST_CHECKPOINT] += 1
+    if c[LAST_CHECKPOINT] - c[FIRST_CHECKPOINT] >= CHECKPOINTS:
+        c[FIRST_CHECKPOINT] = c[LAST_CHECKPOINT] - CHECKPOINTS + 1
+    k = c[LAST_CHECKPOINT] % CHECKPOINTS
+    core.checkpoint_sample[k] = c[SAMPLES]
+    core.checkpoint_shared[k, :] = core.shared
+    for h in range(core.bank.shape[0]):
+        if core.bank[h, ALIVE] > 0.0:
+            core.checkpoint_bank[k, h, :] = core.bank[h]
+        else:
+            core.checkpoint_bank[k, h, ALIVE] = 0.0
+    while core.checkpoint_sample[c[FIRST_CHECKPOINT] % CHECKPOINTS] < c[SAMPLES] - IMU_RING + 8:
+        c[FIRST_CHECKPOINT] += 1
+
+
+@njit(cache=True)
+def checkpoint_ns(core: Core, k: int) -> int:
+    """Time of checkpoint ``k``."""
+    return core.imu_ns[(core.checkpoint_sample[k % CHECKPOINTS] - 1) % IMU_RING]
+
+
+@njit(cache=True)
+def advance(core: Core, sample: int) -> None:
+    """Take the filter over the interval that ends at ``sample`` (in the ring already)."""
+    c = core.cursor
+    now = core.imu_ns[(sample - 1) % IMU_RING]
+    end = core.imu_ns[sample % IMU_RING]
+    if end - now > core.times[GAP]:
+        core.shared[GAPS] += 1.0
+        core.shared[GAP_S] += float(end - now) * 1e-9
+        core.shared[BLOCK_START : QUIET_BLOCKS + 1] = 0.0
+    while c[NEXT] < c[HEAD_MEASUREMENT] and core.measurement_ns[c[NEXT]] <= end:
+        at = core.measurement_ns[c[NEXT]]
+        if at > now:
+            propagate(core, sample, now, at)
+            now = at
+        correct(core, c[NEXT], sample)
+        c[NEXT] += 1
+    if end > now:
+        propagate(core, sample, now, end)
+    watch_rest(core, sample)
+    c[SAMPLES] = sample + 1
+    if end - checkpoint_ns(core, c[LAST_CHECKPOINT]) >= core.times[CHECKPOINT_PERIOD]:
+        save_checkpoint(core)
+
+
+@njit(cache=True)
+def rewind(core: Core, before_ns: int) -> None:
+    """Restore the newest checkpoint before a time and repeat the samples since."""
+    c = core.cursor
+    head = c[SAMPLES]
+    while checkpoint_ns(core, c[LAST_CHECKPOINT]) >= before_ns:
+        c[LAST_CHECKPOINT] -= 1
+    k = c[LAST_CHECKPOINT] % CHECKPOINTS
+    core.shared[:] = core.checkpoint_shared[k]
+    for h in range(core.bank.shape[0]):
+        if core.checkpoint_bank[k, h, ALIVE] > 0.0:
+            core.bank[h, :] = core.checkpoint_bank[k, h]
+        else:
+            core.bank[h, ALIVE] = 0.0
+    c[SAMPLES] = core.checkpoint_sample[k]
+    time = checkpoint_ns(core, c[LAST_CHECKPOINT])
+    c[NEXT] = 0
+    while c[NEXT] < c[HEAD_MEASUREMENT] and core.measurement_ns[c[NEXT]] <= time:
+        c[NEXT] += 1
+    for sample in range(c[SAMPLES], head):
+        advance(core, sample)
+
+
+@njit(cache=True)
+def forget(core: Core) -> None:
+    """Drop the measurements that no rewind can reach."""
+    c = core.cursor
+    oldest = checkpoint_ns(core, c[FIRST_CHECKPOINT])
+    drop = 0
+    while drop < c[NEXT] and core.measurement_ns[drop] <= oldest:
+        drop += 1
+    for i in range(drop, c[HEAD_MEASUREMENT]):
+        core.measurement_ns[i - drop] = core.measurement_ns[i]
+        core.kind[i - drop] = core.kind[i]
+        core.z[i - drop, :] = core.z[i]
+    c[HEAD_MEASUREMENT] -= drop
+    c[NEXT] -= drop
+
+
+@njit(cache=True)
+def place_for(core: Core, time_ns: int, kind: int) -> int:
+    """Where a measurement belongs in the queue, or -1 when one of its kind and stamp is there."""
+    place = core.cursor[HEAD_MEASUREMENT]
+    while place > 0 and (
+        core.measurement_ns[place - 1] > time_ns
+        or (core.measurement_ns[place - 1] == time_ns and core.kind[place - 1] > kind)
+    ):
+        place -= 1
+    if place > 0 and core.measurement_ns[place - 1] == time_ns and core.kind[place - 1] == kind:
+        return -1
+    return place
+
+
+@njit(cache=True)
+def insert(core: Core, time_ns: int, kind: int, z: Floats) -> int:
+    """Put a measurement in its place in time; rewind and repeat when the filter has passed it."""
+    c = core.cursor
+    now = core.imu_ns[(c[SAMPLES] - 1) % IMU_RING]
+    if time_ns < now - core.times[WINDOW] or time_ns <= checkpoint_ns(core, c[FIRST_CHECKPOINT]):
+        return TOO_LATE
+    if c[HEAD_MEASUREMENT] == MEASUREMENT_RING:
+        forget(core)
+        if c[HEAD_MEASUREMENT] == MEASUREMENT_RING:
+            return FULL
+    place = place_for(core, time_ns, kind)
+    if place < 0:
+        return DUPLICATE
+    for i in range(c[HEAD_MEASUREMENT], place, -1):
+        core.measurement_ns[i] = core.measurement_ns[i - 1]
+        core.kind[i] = core.kind[i - 1]
+        core.z[i, :] = core.z[i - 1]
+    core.measurement_ns[place] = time_ns
+    core.kind[place] = kind
+    core.z[place, :] = z
+    c[HEAD_MEASUREMENT] += 1
+    if time_ns > now:
+        return ACCEPTED
+    rewind(core, time_ns)
+    return LATE
+
+
+@njit(cache=True)
+def drop_ahead(core: Core, end: int) -> None:
+    """Drop measurements whose stamps lie far ahead of the IMU's clock while it is running."""
+    c = core.cursor
+    while (
+        c[HEAD_MEASUREMENT] > c[NEXT]
+        and core.measurement_ns[c[HEAD_MEASUREMENT] - 1] > end + core.times[FURTHEST]
+    ):
+        c[HEAD_MEASUREMENT] -= 1
+        c[AHEAD] += 1
+
+
+@njit(cache=True)
+def feed(core: Core, stamp_ns: Ints, rate: Floats, force: Floats, out_ns: Ints, out: Floats) -> int:
+    """Take a block of samples (stamps ascending); returns how many rows of output became due."""
+    c = core.cursor
+    period = core.times[PUBLISH_PERIOD]
+    rows = 0
+    for i in range(stamp_ns.size):
+        sample = c[SAMPLES]
+        k = sample % IMU_RING
+        core.imu_ns[k] = stamp_ns[i]
+        core.rate[k, :] = rate[i]
+        core.force[k, :] = force[i]
+        drop_ahead(core, stamp_ns[i])
+        advance(core, sample)
+        before = core.imu_ns[(sample - 1) % IMU_RING]
+        if stamp_ns[i] // period != before // period:
+            out_ns[rows] = stamp_ns[i]
+            write_output(core, k, out[rows])
+            rows += 1
+    return rows
+
+
+@njit(cache=True)
+def begin(core: Core, stamp_ns: int, rate: Floats, force: Floats) -> None:
+    """Put the first sample in the ring: the hypotheses hold at its stamp."""
+    core.imu_ns[0] = stamp_ns
+    core.rate[0, :] = rate
+    core.force[0, :] = force
+    core.cursor[SAMPLES] = 1
+    core.cursor[FIRST_CHECKPOINT] = 0
+    core.cursor[LAST_CHECKPOINT] = -1
+    save_checkpoint(core)
+
+
+@njit(cache=True)
+def mixture(core: Core, best: int, mean: Floats, P: Floats) -> int:
+    """Mean (9,) about the heaviest hypothesis and covariance (81,) of all; returns how many live.
+
+    The attitude that is published is the heaviest's, so its spread is about that one.
+    """
+    m = core.slow.target.size
+    s = core.bank[best]
+    here = heading_of(s, core)
+    radius = math.sqrt(s[R] ** 2 + s[R + 1] ** 2 + s[R + 2] ** 2)
+    difference = np.zeros(NAV)
+    total = 0.0
+    alive = 0
+    for h in range(core.bank.shape[0]):
+        other = core.bank[h]
+        if other[ALIVE] == 0.0:
+            continue
+        alive += 1
+        weight = math.exp(other[LOG_WEIGHT] - s[LOG_WEIGHT])
+        total += weight
+        turn = wrap(heading_of(other, core) - here) if h != best else 0.0
+        for i in range(3):
+            difference[i] = other[R + i] - s[R + i]
+            difference[3 + i] = other[V + i] - s[V + i]
+            difference[6 + i] = turn * s[R + i] / radius
+        own = other[SLOW + m :]
+        for i in range(NAV):
+            mean[i] += weight * difference[i]
+            for j in range(NAV):
+                P[NAV * i + j] += weight * (own[i * STRIDE + j] + difference[i] * difference[j])
+    for i in range(NAV):
+        mean[i] = mean[i] / total if i < 6 else 0.0
+    for i in range(NAV):
+        for j in range(NAV):
+            P[NAV * i + j] = P[NAV * i + j] / total - mean[i] * mean[j]
+    return alive
+
+
+@njit(cache=True)
+def write_output(core: Core, k: int, row: Floats) -> None:
+    """One row: r, v, q, P of (r, v, psi), angular rate, biases and their variances."""
+    best = heaviest(core)
+    s = core.bank[best]
+    mean = np.zeros(NAV)
+    row[:] = 0.0
+    row[OUT_HYPOTHESES] = mixture(core, best, mean, row[OUT_P : OUT_P + NAV * NAV])
+    row[OUT_STILL] = core.shared[STILL]
+    for i in range(3):
+        row[i] = s[R + i] + mean[i]
+        row[3 + i] = s[V + i] + mean[3 + i]
+    row[6:10] = s[Q : Q + 4]
+    m = core.slow.target.size
+    u = core.vectors
+    total_bias(s, core.slow, u[0], u[1])
+    for i in range(3):
+        row[OUT_RATE + i] = core.rate[k, i] - u[0, i]
+        row[OUT_BIAS + i] = u[0, i]
+        row[OUT_BIAS + 3 + i] = u[1, i]
+    P = s[SLOW + m :]
+    for a in range(m):
+        for b in range(m):
+            t = core.slow.target[a]
+            if t < 6 and t == core.slow.target[b]:
+                row[OUT_BIAS_VARIANCE + t] += P[(NAV + a) * STRIDE + NAV + b]

@@ -1,0 +1,248 @@
+"""What the navigation filter needs to know of the sensors, and how a noise model becomes that."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from imu_noise_id.errors import InputError
+from imu_noise_id.model import ChannelModel, NoiseModel
+
+AXES = ("x", "y", "z")
+LEVEL = ("east", "north", "up")
+
+
+@dataclass(frozen=True)
+class SlowTerm:
+    """One slow part of a sensor's error: b' = -b/T + w.
+
+    Attributes
+    ----------
+    initial_sigma : float
+        Standard deviation at the start, channel's unit.
+    correlation_time_s : float
+        T; ``inf`` for a walk or a constant.
+    density : float
+        Root of the two-sided spectrum of w, unit/s/sqrt(Hz); 0 for a constant.
+    name : str
+        The effect that it stands for.
+    """
+
+    initial_sigma: float
+    correlation_time_s: float
+    density: float
+    name: str
+
+    @staticmethod
+    def gauss_markov(sigma: float, correlation_time_s: float, name: str) -> SlowTerm:
+        """Stationary first-order Gauss-Markov process: density sigma sqrt(2/T)."""
+        return SlowTerm(sigma, correlation_time_s, sigma * math.sqrt(2 / correlation_time_s), name)
+
+
+@dataclass(frozen=True)
+class AxisNoise:
+    """An inertial axis: white noise of ``white_density`` (unit/sqrt(Hz)) plus slow terms."""
+
+    white_density: float
+    terms: tuple[SlowTerm, ...] = ()
+
+
+@dataclass(frozen=True)
+class AidNoise:
+    """One component of an aiding measurement.
+
+    Attributes
+    ----------
+    white_sigma : float
+        Of each measurement, in its unit (with ``scaled``: as a fraction of the receiver's claim).
+    terms : tuple of SlowTerm
+        Colour, in the same unit.
+    """
+
+    white_sigma: float
+    terms: tuple[SlowTerm, ...] = ()
+
+
+@dataclass(frozen=True)
+class NavigationNoise:
+    """Noise of all sensors that the filter may be given.
+
+    Attributes
+    ----------
+    gyro, accel : tuple of three AxisNoise
+        rad/s and m/s^2, sensor axes.
+    position, velocity : tuple of three AidNoise or None
+        East, north, up in m and m/s; None: take the receiver's claim, see ``position_claimed``.
+    heading : AidNoise or None
+        rad.
+    position_claimed : bool
+        Whether ``position`` is in units of the standard deviation that the receiver claims.
+    source : str
+        Where it comes from, for the report.
+    notes : tuple of str
+    """
+
+    gyro: tuple[AxisNoise, AxisNoise, AxisNoise]
+    accel: tuple[AxisNoise, AxisNoise, AxisNoise]
+    position: tuple[AidNoise, AidNoise, AidNoise]
+    velocity: tuple[AidNoise, AidNoise, AidNoise]
+    heading: AidNoise
+    position_claimed: bool = False
+    source: str = ""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class TurnOn:
+    """Standard deviation of the constant bias that a sensor has on a day: not in a static record.
+
+    A static record's mean is that day's bias and gravity; the next day has another.
+    """
+
+    gyro_sigma_rad_s: float = 0.01
+    accel_sigma_m_s2: float = 0.2
+
+
+def mems_defaults(turn_on: TurnOn = TurnOn()) -> NavigationNoise:
+    """Stated values for a consumer MEMS IMU and a single-frequency receiver.
+
+    Gyro 0.01 deg/s/sqrt(Hz) and 10 deg/h of bias over 300 s; accelerometer 200 ug/sqrt(Hz) and
+    0.1 mg over 300 s.  Receiver: what it claims, of which 0.95 is colour of 30 s and 0.3 white.
+    """
+    gyro = AxisNoise(1.7e-4, _with_turn_on((SlowTerm.gauss_markov(5e-5, 300.0, "gauss_markov"),),
+                                           turn_on.gyro_sigma_rad_s))
+    accel = AxisNoise(2e-3, _with_turn_on((SlowTerm.gauss_markov(1e-3, 300.0, "gauss_markov"),),
+                                          turn_on.accel_sigma_m_s2))
+    claim = AidNoise(0.3, (SlowTerm.gauss_markov(0.95, 30.0, "gauss_markov"),))
+    speed = AidNoise(0.15)
+    heading = AidNoise(0.03, (SlowTerm.gauss_markov(0.1, 60.0, "gauss_markov"),))
+    return NavigationNoise(
+        (gyro,) * 3, (accel,) * 3, (claim,) * 3, (speed,) * 3, heading, True,
+        "MEMS defaults",
+    )
+
+
+def from_model(
+    model: NoiseModel, turn_on: TurnOn = TurnOn(), aid_rate_hz: float = 10.0
+) -> NavigationNoise:
+    """Noise of the filter from an identified or typed model.
+
+    White noise, quantization's long-term part (none), Gauss-Markov terms, walks and ramps enter as
+    they are; bias instability as Gauss-Markov terms (:func:`flicker_terms`).  Lines, narrow bands,
+    rounding and what acts on single samples are no states of the filter: their variance averages
+    out in navigation, or is in the budget; a note says so.  Aids that the model lacks get the
+    defaults.
+
+    Raises
+    ------
+    InputError
+        Where a gyro or accelerometer channel is missing.
+    """
+    notes: list[str] = []
+    defaults = mems_defaults(turn_on)
+    gyro = [
+        _axis(model, f"angular_velocity.{a}", turn_on.gyro_sigma_rad_s, notes) for a in AXES
+    ]
+    accel = [
+        _axis(model, f"linear_acceleration.{a}", turn_on.accel_sigma_m_s2, notes) for a in AXES
+    ]
+    position = [_aid(model, f"position.{a}", aid_rate_hz, notes) for a in LEVEL]
+    velocity = [_aid(model, f"velocity.{a}", aid_rate_hz, notes) for a in LEVEL]
+    heading = _aid(model, "heading", aid_rate_hz, notes)
+    known = all(p is not None for p in position)
+    if not known:
+        notes.append("the model has no position channels: the receiver's own covariance is used, "
+                     "nine tenths of it as colour of 30 s")
+    return NavigationNoise(
+        _three(gyro, defaults.gyro), _three(accel, defaults.accel),
+        _three(position, defaults.position) if known else defaults.position,
+        _three(velocity, defaults.velocity), heading or defaults.heading, not known,
+        model.source or "model", tuple(dict.fromkeys(notes)),
+    )
+
+
+def flicker_terms(coefficient: float, shortest_s: float = 3.0, longest_s: float = 1000.0,
+                  count: int = 2) -> tuple[SlowTerm, ...]:
+    """Gauss-Markov terms whose summed spectrum follows B^2/(2 pi f) over a band.
+
+    Correlation times in geometric steps; least squares in the logarithm over 1/(2 pi T) of the
+    band's ends, all terms of equal sigma (a sum of Lorentzians of equal variance at geometric
+    corners is flicker, van der Ziel 1950).
+    """
+    times = np.geomspace(shortest_s, longest_s, 2 * count + 1)[1::2]
+    f = np.geomspace(0.5 / (np.pi * longest_s), 0.5 / (np.pi * shortest_s), 50)
+    shape = np.sum(2 * times / (1 + (2 * np.pi * np.outer(f, times)) ** 2), axis=1)
+    log_variance = np.mean(np.log(coefficient**2 / (2 * np.pi * f)) - np.log(shape))
+    sigma = math.exp(0.5 * log_variance)
+    return tuple(SlowTerm.gauss_markov(sigma, float(t), "bias_instability") for t in times)
+
+
+def slow_terms(channel: ChannelModel, notes: list[str]) -> tuple[SlowTerm, ...]:
+    """Slow terms of a channel's effects; what is left out is added to ``notes``."""
+    terms: list[SlowTerm] = []
+    for fitted in channel.effects:
+        value = {p.name: v for p, v in zip(fitted.effect.parameters, fitted.effect.values())}
+        if fitted.name == "gauss_markov":
+            terms.append(SlowTerm.gauss_markov(
+                float(value["sigma"]), float(value["correlation_time_s"]), fitted.name))
+        elif fitted.name == "rate_random_walk":
+            terms.append(SlowTerm(0.0, math.inf, float(value["coefficient"]), fitted.name))
+        elif fitted.name == "bias_instability":
+            terms.extend(flicker_terms(float(value["coefficient"])))
+        elif fitted.name == "random_telegraph":
+            # same spectrum as a Gauss-Markov term of half the dwell time
+            terms.append(SlowTerm.gauss_markov(
+                0.5 * float(value["height"]), 0.5 * float(value["mean_dwell_s"]), fitted.name))
+        elif fitted.name != "white_noise":
+            notes.append(f"{fitted.name} is no state of the filter; its cost is in the budget")
+    return tuple(terms)
+
+
+def white_density(channel: ChannelModel) -> float:
+    """Root of the summed white spectra of a channel, unit/sqrt(Hz)."""
+    found = [f.effect for f in channel.effects if f.name == "white_noise"]
+    return math.sqrt(sum(float(getattr(e, "density")) ** 2 for e in found))
+
+
+def _with_turn_on(terms: tuple[SlowTerm, ...], sigma: float) -> tuple[SlowTerm, ...]:
+    """Add the turn-on bias: in the walk where there is one, else as a constant."""
+    if sigma <= 0:
+        return terms
+    for i, term in enumerate(terms):
+        if math.isinf(term.correlation_time_s):
+            walk = replace(term, initial_sigma=math.hypot(term.initial_sigma, sigma))
+            return (*terms[:i], walk, *terms[i + 1 :])
+    return (SlowTerm(sigma, math.inf, 0.0, "turn_on_bias"), *terms)
+
+
+def _axis(model: NoiseModel, name: str, turn_on: float, notes: list[str]) -> AxisNoise:
+    try:
+        channel = model.channel(name)
+    except KeyError:
+        raise InputError(
+            f"{model.source or 'model'}: no channel {name}, which the filter needs; "
+            "add it with at least a white_noise density"
+        ) from None
+    return AxisNoise(white_density(channel), _with_turn_on(slow_terms(channel, notes), turn_on))
+
+
+def _aid(model: NoiseModel, name: str, rate_hz: float, notes: list[str]) -> AidNoise | None:
+    try:
+        channel = model.channel(name)
+    except KeyError:
+        return None
+    terms = []
+    for term in slow_terms(channel, notes):
+        if math.isinf(term.correlation_time_s):
+            # a walk of the receiver cannot be told from motion: bounded at 1000 s instead
+            sigma = term.density * math.sqrt(500.0)
+            term = SlowTerm.gauss_markov(sigma, 1000.0, term.name)
+            notes.append(f"{name}: random walk taken as Gauss-Markov of 1000 s")
+        terms.append(term)
+    white = white_density(channel) * math.sqrt(channel.rate_hz or rate_hz)
+    return AidNoise(white, tuple(terms))
+
+
+def _three(found: list, default: tuple) -> tuple:
+    return tuple(f if f is not None else d for f, d in zip(found, default))

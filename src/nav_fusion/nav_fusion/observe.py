@@ -1,0 +1,435 @@
+"""Corrections of one hypothesis by a fix, a velocity, a heading or standing still, compiled.
+
+Each forms an innovation y, the rows H and the covariance R, gates y' S^-1 y against a chi-square
+quantile and corrects in Joseph's form.  All are functions of one hypothesis only, so that a
+rewound measurement gives the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from nav_fusion.earth import EARTH_RATE_RAD_S, level_axes_at
+from nav_fusion.state import (
+    HEADING, LOG_WEIGHT, NAV, POSITION, SLOW, STRIDE, VELOCITY, Q, R, V, SlowModel,
+)
+from nav_fusion.strapdown import rotate_left, rotation_matrix
+
+Floats = NDArray[np.float64]
+
+USED, GATED, REPEATED, RECOVERED, NIS_SUM, DOF_SUM = 12, 13, 14, 15, 16, 17
+STREAK, STREAK_START_S, LAST_FIX, HAS_FIX, LAST_NIS = 18, 19, 20, 23, 24
+VELOCITY_USED, VELOCITY_GATED, HEADING_USED, HEADING_GATED, STILL_UPDATES = 25, 26, 27, 28, 29
+RECENT_NIS, WHITE_COUNT, WHITE_SUM, WHITE_PAST, ALIGNED_S = 30, 31, 32, 37, 52
+HEADING_STREAK, FIRST_FIX, VELOCITY_STREAK, RECENT_COUNT = 53, 54, 57, 58
+
+TOTALS = (USED, GATED, REPEATED, RECOVERED, VELOCITY_USED, VELOCITY_GATED, HEADING_USED,
+          HEADING_GATED, STILL_UPDATES)
+"""Counters that go on when the filter is started anew."""
+
+LAGS = 5
+"""Lags at which the innovations' autocorrelation is kept."""
+
+REAL_FIX_M = 100.0
+"""A prior wider than this makes the first fixes' innovations no test of anything."""
+
+
+class Sensing(NamedTuple):
+    """What the corrections need beside the state; all float64.
+
+    ``lever`` (3,) antenna in b, m; ``gate`` (4,) chi-square quantiles by degrees of freedom;
+    ``recovery`` (2,) fixes and seconds of unbroken gating after which the filter starts anew
+    from the fix; ``declination_rad`` (1,); ``still`` (4,): sigma of velocity m/s, of angular rate
+    rad/s, highest speed m/s, use or not.
+    """
+
+    lever: Floats
+    gate: Floats
+    recovery: Floats
+    declination_rad: Floats
+    still: Floats
+
+
+class Update(NamedTuple):
+    """Working arrays of a correction of up to three components."""
+
+    y: Floats
+    H: Floats
+    R: Floats
+    PHt: Floats
+    S: Floats
+    K: Floats
+    T: Floats
+    C: Floats
+    white: Floats
+
+
+def update_arrays() -> Update:
+    """Allocate the working arrays."""
+    return Update(
+        np.zeros(3), np.zeros((3, STRIDE)), np.zeros((3, 3)), np.zeros((STRIDE, 3)),
+        np.zeros((3, 3)), np.zeros((STRIDE, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3),
+    )
+
+
+@njit(cache=True)
+def innovation_covariance(P: Floats, n: int, k: int, u: Update) -> float:
+    """PHt = P H', S = H P H' + R; the lower Cholesky factor replaces S; returns log det S.
+
+    -1 times infinity when S is not positive definite.
+    """
+    for i in range(n):
+        for a in range(k):
+            total = 0.0
+            for j in range(n):
+                total += P[i * STRIDE + j] * u.H[a, j]
+            u.PHt[i, a] = total
+    for a in range(k):
+        for b in range(a + 1):
+            total = 0.5 * (u.R[a, b] + u.R[b, a])
+            for j in range(n):
+                total += 0.5 * (u.H[a, j] * u.PHt[j, b] + u.H[b, j] * u.PHt[j, a])
+            u.S[a, b] = total
+    logarithm = 0.0
+    for a in range(k):
+        for b in range(a + 1):
+            total = u.S[a, b]
+            for c in range(b):
+                total -= u.S[a, c] * u.S[b, c]
+            if a == b:
+                if not total > 0.0:
+                    return -math.inf
+                u.S[a, a] = math.sqrt(total)
+                logarithm += math.log(total)
+            else:
+                u.S[a, b] = total / u.S[b, b]
+    return logarithm
+
+
+@njit(cache=True)
+def whiten(k: int, u: Update) -> float:
+    """Innovation times the inverse Cholesky factor into ``white``; returns the NIS, y' S^-1 y."""
+    nis = 0.0
+    for a in range(k):
+        total = u.y[a]
+        for b in range(a):
+            total -= u.S[a, b] * u.white[b]
+        u.white[a] = total / u.S[a, a]
+        nis += u.white[a] * u.white[a]
+    return nis
+
+
+@njit(cache=True)
+def joseph(P: Floats, n: int, k: int, u: Update) -> None:
+    """K = P H' S^-1 and P <- (I - K H) P (I - K H)' + K R K', symmetric to the last bit."""
+    for i in range(n):
+        for a in range(k):
+            total = u.PHt[i, a]
+            for b in range(a):
+                total -= u.S[a, b] * u.K[i, b]
+            u.K[i, a] = total / u.S[a, a]
+        for a in range(k - 1, -1, -1):
+            total = u.K[i, a]
+            for b in range(a + 1, k):
+                total -= u.S[b, a] * u.K[i, b]
+            u.K[i, a] = total / u.S[a, a]
+    for i in range(n):
+        for j in range(n):
+            for a in range(k):
+                P[i * STRIDE + j] -= u.K[i, a] * u.PHt[j, a]
+    for i in range(n):
+        for a in range(k):
+            total = 0.0
+            for j in range(n):
+                total += P[i * STRIDE + j] * u.H[a, j]
+            for b in range(k):
+                total -= u.K[i, b] * u.R[b, a]
+            u.PHt[i, a] = total
+    for i in range(n):
+        for j in range(n):
+            for a in range(k):
+                P[i * STRIDE + j] -= u.PHt[i, a] * u.K[j, a]
+    for i in range(n):
+        for j in range(i):
+            mean = 0.5 * (P[i * STRIDE + j] + P[j * STRIDE + i])
+            P[i * STRIDE + j] = mean
+            P[j * STRIDE + i] = mean
+
+
+@njit(cache=True)
+def apply_correction(s: Floats, m: int, k: int, u: Update) -> None:
+    """Correct state and covariance of the hypothesis ``s`` by the prepared innovation."""
+    n = NAV + m
+    joseph(s[SLOW + m :], n, k, u)
+    x = np.zeros(n)
+    for i in range(n):
+        for a in range(k):
+            x[i] += u.K[i, a] * u.y[a]
+    for i in range(3):
+        s[R + i] += x[i]
+        s[V + i] += x[3 + i]
+    q = s[Q : Q + 4]
+    rotate_left(q, x[6], x[7], x[8])
+    for i in range(m):
+        s[SLOW + i] += x[NAV + i]
+
+
+@njit(cache=True)
+def colour_columns(H: Floats, x: Floats, y: Floats, slow: SlowModel, base: int, k: int,
+                   scale: Floats) -> None:
+    """Enter the slow states of an aid: H gets their scale, y loses what they explain."""
+    for s in range(slow.target.size):
+        a = slow.target[s] - base
+        if 0 <= a < k:
+            H[a, NAV + s] = scale[a]
+            y[a] -= scale[a] * x[s]
+
+
+@njit(cache=True)
+def turned_columns(H: Floats, k: int, T: Floats, arm: Floats) -> None:
+    """H's attitude columns for a vector ``arm`` in e that turns with the body: -T [arm x]."""
+    for a in range(k):
+        H[a, 6] = -(T[a, 1] * arm[2] - T[a, 2] * arm[1])
+        H[a, 7] = -(T[a, 2] * arm[0] - T[a, 0] * arm[2])
+        H[a, 8] = -(T[a, 0] * arm[1] - T[a, 1] * arm[0])
+
+
+@njit(cache=True)
+def prepare_fix(s: Floats, slow: SlowModel, z: Floats, sensing: Sensing, u: Update) -> None:
+    """Fix of the antenna: y = T (z - r - C l) - colour, H = [T, 0, -T [C l x], scale].
+
+    ``z``: ECEF (0:3), latitude etc. as received (3:6), R in level axes (6:15), scales (15:18).
+    """
+    m = slow.target.size
+    rotation_matrix(s[Q : Q + 4], u.C)
+    level_axes_at(s[R : R + 3], u.T)
+    arm = np.zeros(3)
+    difference = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            arm[i] += u.C[i, j] * sensing.lever[j]
+        difference[i] = z[i] - s[R + i] - arm[i]
+    u.H[:, :] = 0.0
+    for a in range(3):
+        u.y[a] = 0.0
+        for i in range(3):
+            u.y[a] += u.T[a, i] * difference[i]
+            u.H[a, i] = u.T[a, i]
+            u.R[a, i] = z[6 + 3 * a + i]
+    turned_columns(u.H, 3, u.T, arm)
+    colour_columns(u.H, s[SLOW : SLOW + m], u.y, slow, POSITION, 3, z[15:18])
+
+
+@njit(cache=True)
+def note_innovation(s: Floats, nis: float, u: Update) -> None:
+    """Keep what the consistency tests need: NIS, and the whitened innovations' lag products."""
+    s[NIS_SUM] += nis
+    s[DOF_SUM] += 3.0
+    s[LAST_NIS] = nis
+    s[RECENT_COUNT] += 1.0
+    s[RECENT_NIS] += (nis - s[RECENT_NIS]) / min(s[RECENT_COUNT], 100.0)
+    for lag in range(LAGS):
+        if s[WHITE_COUNT] > lag:
+            for a in range(3):
+                s[WHITE_SUM + lag] += u.white[a] * s[WHITE_PAST + 3 * lag + a]
+    for i in range(3 * LAGS - 1, 2, -1):
+        s[WHITE_PAST + i] = s[WHITE_PAST + i - 3]
+    for a in range(3):
+        s[WHITE_PAST + a] = u.white[a]
+    s[WHITE_COUNT] += 1.0
+
+
+@njit(cache=True)
+def is_repeated(s: Floats, z: Floats) -> bool:
+    """Whether the receiver repeats its last fix to the last bit: frozen, no new information."""
+    same = s[HAS_FIX] > 0.0
+    for i in range(3):
+        same = same and s[LAST_FIX + i] == z[3 + i]
+        s[LAST_FIX + i] = z[3 + i]
+    s[HAS_FIX] = 1.0
+    return same
+
+
+@njit(cache=True)
+def start_anew(s: Floats, m: int, time_s: float, u: Update) -> None:
+    """After unbroken gating widen position and velocity to what the fix says, and go on from it."""
+    P = s[SLOW + m :]
+    spread = 0.0
+    for a in range(3):
+        spread += u.y[a] * u.y[a]
+    seconds = max(time_s - s[STREAK_START_S], 1.0)
+    for i in range(3):
+        P[i * (STRIDE + 1)] += spread
+        P[(3 + i) * (STRIDE + 1)] += min(spread / seconds**2, 100.0)
+        P[(6 + i) * (STRIDE + 1)] += 1e-4
+    s[RECOVERED] += 1.0
+
+
+@njit(cache=True)
+def correct_by_fix(
+    s: Floats, slow: SlowModel, z: Floats, time_s: float, sensing: Sensing, u: Update
+) -> None:
+    """Gate a fix and correct by it; count it, and keep the hypothesis's log-likelihood."""
+    m = slow.target.size
+    n = NAV + m
+    if is_repeated(s, z):
+        s[REPEATED] += 1.0
+        return
+    prepare_fix(s, slow, z, sensing, u)
+    P = s[SLOW + m :]
+    wide = P[0] + P[STRIDE + 1] + P[2 * STRIDE + 2] > REAL_FIX_M**2
+    logarithm = innovation_covariance(P, n, 3, u)
+    nis = whiten(3, u)
+    if nis > sensing.gate[3] and not wide:
+        if s[STREAK] == 0.0:
+            s[STREAK_START_S] = time_s
+        s[STREAK] += 1.0
+        s[LAST_NIS] = nis
+        unbroken = s[STREAK] >= sensing.recovery[0]
+        if not (unbroken and time_s - s[STREAK_START_S] >= sensing.recovery[1]):
+            s[GATED] += 1.0
+            s[LOG_WEIGHT] -= 0.5 * (sensing.gate[3] + logarithm)
+            return
+        start_anew(s, m, time_s, u)
+        logarithm = innovation_covariance(P, n, 3, u)
+        nis = whiten(3, u)
+        wide = True
+    s[STREAK] = 0.0
+    s[LOG_WEIGHT] -= 0.5 * (min(nis, sensing.gate[3]) + logarithm)
+    if not wide:
+        note_innovation(s, nis, u)
+    if s[USED] == 0.0:
+        for i in range(3):
+            s[FIRST_FIX + i] = z[i]
+    s[USED] += 1.0
+    apply_correction(s, m, 3, u)
+
+
+@njit(cache=True)
+def correct_by_velocity(
+    s: Floats, slow: SlowModel, z: Floats, rate: Floats, sensing: Sensing, u: Update
+) -> None:
+    """Velocity of the antenna, level axes: y = z - T (v + C (w x l)) - colour.
+
+    ``z``: velocity (0:3), R (6:15), scales (15:18); ``rate`` (3,) the body's rate to the Earth.
+    """
+    m = slow.target.size
+    rotation_matrix(s[Q : Q + 4], u.C)
+    level_axes_at(s[R : R + 3], u.T)
+    l = sensing.lever
+    swing = np.zeros(3)
+    cross = (rate[1] * l[2] - rate[2] * l[1], rate[2] * l[0] - rate[0] * l[2],
+             rate[0] * l[1] - rate[1] * l[0])
+    for i in range(3):
+        swing[i] = u.C[i, 0] * cross[0] + u.C[i, 1] * cross[1] + u.C[i, 2] * cross[2]
+    u.H[:, :] = 0.0
+    for a in range(3):
+        u.y[a] = z[a]
+        for i in range(3):
+            u.y[a] -= u.T[a, i] * (s[V + i] + swing[i])
+            u.H[a, 3 + i] = u.T[a, i]
+            u.R[a, i] = z[6 + 3 * a + i]
+    turned_columns(u.H, 3, u.T, swing)
+    colour_columns(u.H, s[SLOW : SLOW + m], u.y, slow, VELOCITY, 3, z[15:18])
+    logarithm = innovation_covariance(s[SLOW + m :], NAV + m, 3, u)
+    nis = whiten(3, u)
+    if nis > sensing.gate[3] and s[VELOCITY_STREAK] < 50.0:
+        s[VELOCITY_STREAK] += 1.0
+        s[VELOCITY_GATED] += 1.0
+        s[LOG_WEIGHT] -= 0.5 * (sensing.gate[3] + logarithm)
+        return
+    s[VELOCITY_STREAK] = 0.0
+    s[LOG_WEIGHT] -= 0.5 * (min(nis, sensing.gate[3]) + logarithm)
+    s[VELOCITY_USED] += 1.0
+    apply_correction(s, m, 3, u)
+
+
+@njit(cache=True)
+def correct_by_field(
+    s: Floats, slow: SlowModel, z: Floats, sensing: Sensing, u: Update
+) -> None:
+    """Magnetic field in b (calibrated): its azimuth in level axes is the declination.
+
+    With f = T C z the field in level axes, azimuth = atan2(f_e, f_n), y = declination - azimuth
+    - colour; a small turn psi moves f by psi x f.  ``z``: field (0:3), variance (6), scale (15).
+    """
+    m = slow.target.size
+    rotation_matrix(s[Q : Q + 4], u.C)
+    level_axes_at(s[R : R + 3], u.T)
+    f = np.zeros(3)
+    for a in range(3):
+        for i in range(3):
+            for j in range(3):
+                f[a] += u.T[a, i] * u.C[i, j] * z[j]
+    level2 = f[0] * f[0] + f[1] * f[1]
+    if level2 < 0.01 * (level2 + f[2] * f[2]):
+        return
+    turn = sensing.declination_rad[0] - math.atan2(f[0], f[1])
+    u.H[:, :] = 0.0
+    # d azimuth / d psi in level axes: (f_n df_e - f_e df_n)/|f_h|^2 with df = psi x f
+    by_east = f[0] * f[2] / level2
+    by_north = f[1] * f[2] / level2
+    for i in range(3):
+        u.H[0, 6 + i] = by_east * u.T[0, i] + by_north * u.T[1, i] - u.T[2, i]
+    u.R[0, 0] = z[6]
+    u.y[0] = turn
+    colour_columns(u.H, s[SLOW : SLOW + m], u.y, slow, HEADING, 1, z[15:16])
+    u.y[0] -= 2.0 * math.pi * math.floor((u.y[0] + math.pi) / (2.0 * math.pi))
+    logarithm = innovation_covariance(s[SLOW + m :], NAV + m, 1, u)
+    nis = whiten(1, u)
+    if nis > sensing.gate[1]:
+        s[HEADING_GATED] += 1.0
+        s[LOG_WEIGHT] -= 0.5 * (sensing.gate[1] + logarithm)
+        return
+    s[LOG_WEIGHT] -= 0.5 * (nis + logarithm)
+    s[HEADING_USED] += 1.0
+    apply_correction(s, m, 1, u)
+
+
+@njit(cache=True)
+def correct_by_rest(
+    s: Floats, slow: SlowModel, rate: Floats, gyro_psd: Floats, window_s: float,
+    sensing: Sensing, u: Update,
+) -> None:
+    """Standing still: velocity 0, and the gyro reads the Earth's rate and its bias.
+
+    Only where the filter itself cannot tell its velocity from 0 and knows it well enough: quiet
+    sensors alone do not tell rest from an even drive.  ``rate`` (3,) is the mean of the window's
+    raw angular rate; its white noise is psd / window.
+    """
+    m = slow.target.size
+    n = NAV + m
+    P = s[SLOW + m :]
+    speed2 = s[V] ** 2 + s[V + 1] ** 2 + s[V + 2] ** 2
+    variance = max(P[3 * (STRIDE + 1)], P[4 * (STRIDE + 1)], P[5 * (STRIDE + 1)])
+    if math.sqrt(speed2) + 2.0 * math.sqrt(variance) > sensing.still[2]:
+        return
+    u.H[:, :] = 0.0
+    u.R[:, :] = 0.0
+    for i in range(3):
+        u.y[i] = -s[V + i]
+        u.H[i, 3 + i] = 1.0
+        u.R[i, i] = sensing.still[0] ** 2
+    innovation_covariance(P, n, 3, u)
+    if whiten(3, u) > sensing.gate[3]:
+        return
+    apply_correction(s, m, 3, u)
+    rotation_matrix(s[Q : Q + 4], u.C)
+    u.H[:, :] = 0.0
+    for i in range(3):
+        # the Earth's rate in b is C' w; its dependence on psi is left to R: 7e-5 rad/s at most
+        u.y[i] = rate[i] - EARTH_RATE_RAD_S * u.C[2, i]
+        u.R[i, i] = gyro_psd[i] / window_s + sensing.still[1] ** 2
+    for k in range(m):
+        if slow.target[k] < 3:
+            u.H[slow.target[k], NAV + k] = 1.0
+            u.y[slow.target[k]] -= s[SLOW + k]
+    innovation_covariance(P, n, 3, u)
+    if whiten(3, u) <= sensing.gate[3]:
+        apply_correction(s, m, 3, u)
+        s[STILL_UPDATES] += 1.0
