@@ -279,7 +279,7 @@ def _dense(series: Series, m: Integers) -> _Sums:
     if series.complete:
         prefix = _running_sum(series.values, centre)
         square = np.array([_whole_squares(prefix, factor) / factor**2 for factor in m])
-        used, excess = np.maximum(series.values.size - 2 * m + 1, 0), 0.0
+        used, excess = np.maximum(series.values.size - 2 * m + 1, 0), np.zeros(m.size)
     else:
         prefixes = _running_sums(series.values, series.observed, centre)
         rows = np.array([_masked_squares(prefixes, factor) for factor in m]).reshape(-1, 3)
@@ -302,7 +302,7 @@ def _with_intervals(sums: _Sums, sample_time_s: float, confidence: float) -> All
     edf = np.maximum(edf * sums.used / sums.whole, 1.0)
     tail = (1.0 - confidence) / 2.0
     return AllanCurve(
-        tau_s=sums.m * sample_time_s,
+        tau_s=np.asarray(sums.m * sample_time_s, dtype=np.float64),
         deviation=np.sqrt(sums.variance),
         lower=np.sqrt(sums.variance * edf / special.chdtri(edf, tail)),
         upper=np.sqrt(sums.variance * edf / special.chdtri(edf, 1.0 - tail)),

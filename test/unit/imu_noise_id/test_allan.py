@@ -3,10 +3,11 @@
 import allantools
 import numpy as np
 import pytest
-from imu_noise_id import allan as allan_module
 from imu_noise_id.allan import allan, allan_exact, curve, degrees_of_freedom
 from imu_noise_id.pyramid import CHUNK, empty_pyramid, feed
 from imu_noise_id.series import Series
+
+from imu_noise_id import allan as allan_module
 
 
 def series_of(values, observed=None, sample_time_s=1.0):
@@ -188,12 +189,14 @@ def test_intervals_cover_what_they_promise(name):
 @pytest.mark.parametrize("size", [0, 1, 2])
 def test_a_series_too_short_gives_an_empty_curve_and_says_so(size):
     found = allan(series_of(np.zeros(size)))
-    assert found.tau_s.size == 0 and "too short" in found.note
+    assert found.tau_s.size == 0
+    assert "too short" in found.note
 
 
 def test_nothing_observed_gives_an_empty_curve():
     found = allan(series_of(np.zeros(5000), np.zeros(5000, dtype=bool)))
-    assert found.tau_s.size == 0 and found.note
+    assert found.tau_s.size == 0
+    assert found.note
 
 
 @pytest.mark.parametrize("values", [np.full(5000, 9.81), np.arange(5000.0), np.eye(1, 5000)[0]])
@@ -201,7 +204,8 @@ def test_no_number_is_ever_nan(values):
     found = allan(series_of(values))
     for column in (found.deviation, found.lower, found.upper, found.degrees_of_freedom):
         assert np.all(np.isfinite(column))
-    assert np.all(found.lower <= found.deviation) and np.all(found.deviation <= found.upper)
+    assert np.all(found.lower <= found.deviation)
+    assert np.all(found.deviation <= found.upper)
 
 
 def test_warm_up_runs():
