@@ -1,4 +1,4 @@
-"""Tustin's pairs, step responses and bandwidths are those that the thesis prints where it is right."""
+"""Tustin's pairs, step responses and bandwidths are those of the thesis where it is right."""
 
 from pathlib import Path
 
