@@ -24,24 +24,33 @@ def number(value: float | str | None, precision: float | None = None) -> str:
         return "-"
     if isinstance(value, str):
         return value
+    return _text(value, precision, _plain(value))
+
+
+def _plain(value: float) -> bool:
+    """Whether a number is written without an exponent."""
+    return value == 0.0 or 1e-3 <= abs(value) < 1e5
+
+
+def _text(value: float, precision: float | None, plain: bool) -> str:
     if value == 0.0 or not math.isfinite(value):
         return f"{value:g}"
+    magnitude = math.floor(math.log10(abs(value)))
     digits = 4
     if precision is not None and 0.0 < precision < math.inf:
-        digits = 2 + math.floor(math.log10(abs(value))) - math.floor(math.log10(precision))
-        digits = min(max(digits, 2), 8)
-    if 1e-3 <= abs(value) < 1e5:
-        decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0)
-        return f"{value:.{decimals}f}"
+        digits = min(max(2 + magnitude - math.floor(math.log10(precision)), 2), 8)
+    if plain:
+        return f"{value:.{max(digits - 1 - magnitude, 0)}f}"
     return f"{value:.{digits - 1}e}"
 
 
 def interval(estimate: Estimate) -> str:
-    """The 95 % interval, or a dash."""
+    """The 95 % interval, both ends written alike, or a dash."""
     if estimate.lower is None or estimate.upper is None:
         return "-"
     width = (estimate.upper - estimate.lower) / 2.0
-    return f"{number(estimate.lower, width)} .. {number(estimate.upper, width)}"
+    plain = _plain(estimate.lower) and _plain(estimate.upper)
+    return f"{_text(estimate.lower, width, plain)} .. {_text(estimate.upper, width, plain)}"
 
 
 def half_width(estimate: Estimate) -> float | None:

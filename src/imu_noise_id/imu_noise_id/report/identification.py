@@ -6,25 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from imu_noise_id.curves import model_allan_variance, model_psd
 from imu_noise_id.customary import customary
 from imu_noise_id.errors import InputError
 from imu_noise_id.export import FORMATS
 from imu_noise_id.identify import ChannelResult, Identification
 from imu_noise_id.model import ChannelModel
-from imu_noise_id.recording import Recording
+from imu_noise_id.recording import Floats, Recording
 from imu_noise_id.report import figures
-from imu_noise_id.report.curves import (
-    Part,
-    allan_parts,
-    envelope,
-    model_allan,
-    model_psd,
-    psd_parts,
-    spectrum,
-)
+from imu_noise_id.report.curves import Part, allan_parts, envelope, psd_parts
 from imu_noise_id.report.page import Figure, Page, Section, Snippet, Table, render
+from imu_noise_id.report.plot import Axis
 from imu_noise_id.report.receiver import receiver_section
 from imu_noise_id.report.transfer import transfer_figures, transfer_paragraphs, transfer_table
+from imu_noise_id.spectrum import spectrum
 from imu_noise_id.terminal import half_width, interval, number
 
 SENSORS = {
@@ -45,11 +40,14 @@ WORDS = {
 }
 
 
+TEMPERATURE_POINTS = 4096
+
+
 def identification_page(identification: Identification) -> str:
     """Return the report of an identification as one HTML document."""
     recording = identification.recording
     sections = [_overview(identification)]
-    sections += [channel_section(result) for result in identification.channels]
+    sections += [channel_section(result, recording) for result in identification.channels]
     receiver = receiver_section(recording)
     if receiver is not None:
         sections.append(receiver)
@@ -80,7 +78,7 @@ def verdict(identification: Identification) -> str:
         models = [r.model for r in results if r.model.name.split(".")[0] == quantity]
         if models:
             sentences.append(_sensor_sentence(word, models))
-    shares = [share for r in results if (share := inside(r)) is not None]
+    shares = [share for r in results if (share := inside(r, identification.recording)) is not None]
     if shares:
         sentences.append(
             f"The models' Allan curves lie inside the measured 95 % intervals at "
@@ -102,16 +100,25 @@ def _sensor_sentence(word: str, models: Sequence[ChannelModel]) -> str:
     if not densities:
         return f"The {word} shows no white noise."
     low, high = min(map(float, densities)), max(map(float, densities))
-    span = (
-        number(low, low / 10)
-        if high < 1.1 * low
-        else f"{number(low, low / 10)} to {number(high, high / 10)}"
-    )
-    text = f"The {word}'s white noise is {span} {models[0].unit}/\u221aHz"
+    span = powers(low) if high < 1.1 * low else f"{powers(low)} to {powers(high)}"
+    text = f"The {word}\u2019s white noise is {span}\u00a0{models[0].unit}/\u221aHz"
     others = sorted({f.name for m in models for f in m.effects} - {"white_noise"})
     if others:
         text += "; beside it " + ", ".join(name.replace("_", " ") for name in others)
     return text + "."
+
+
+_SUPERSCRIPTS = str.maketrans(
+    "-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"
+)
+
+
+def powers(value: float) -> str:
+    """Two digits as people write them: ``1.2\u00d710\u207b\u2074``."""
+    if value == 0.0 or 1e-2 <= abs(value) < 1e3:
+        return f"{value:.2g}"
+    mantissa, _, exponent = f"{value:.1e}".partition("e")
+    return f"{mantissa}\u00d710{str(int(exponent)).translate(_SUPERSCRIPTS)}"
 
 
 def duration(seconds: float) -> str:
@@ -123,14 +130,26 @@ def duration(seconds: float) -> str:
     return f"{seconds / 3600.0:.3g} h"
 
 
-def inside(result: ChannelResult) -> float | None:
+def inside(result: ChannelResult, recording: Recording) -> float | None:
     """Share of averaging times at which the model's Allan deviation is inside the interval."""
     curve = result.allan
     if curve is None or curve.tau_s.size == 0 or not result.model.effects:
         return None
-    effects = tuple(fitted.effect for fitted in result.model.effects)
-    model = model_allan(effects, curve.tau_s, result.series.sample_time_s)
+    model = np.sqrt(_predicted(result, recording))
     return float(np.mean((model >= curve.lower) & (model <= curve.upper)))
+
+
+def _predicted(result: ChannelResult, recording: Recording) -> Floats:
+    """Allan variance that the model predicts at the measured averaging times."""
+    assert result.allan is not None
+    warmth = None
+    if result.model.find("temperature") is not None and recording.temperature is not None:
+        course = recording.temperature
+        time_s = np.linspace(0.0, result.channel.duration_s, TEMPERATURE_POINTS)
+        warmth = np.interp(time_s, (course.stamp_ns - recording.start_ns) * 1e-9, course.values)
+    return model_allan_variance(
+        result.model, result.allan.tau_s, result.series.sample_time_s, warmth
+    )
 
 
 def _facts(identification: Identification) -> tuple[tuple[str, str], ...]:
@@ -196,7 +215,9 @@ def _temperature(recording: Recording) -> list[Figure]:
     step = max(1, channel.values.size // 500)
     time_s = (channel.stamp_ns[::step] - recording.start_ns) * 1e-9
     plot = figures.lines_figure(
-        [("temperature", time_s, channel.values[::step])], "time (s)", "temperature (\u00b0C)"
+        [("temperature", time_s, channel.values[::step])],
+        Axis("time (s)"),
+        Axis("temperature (\u00b0C)"),
     )
     return [Figure("Temperature", f"Topic {channel.topic}.", plot)]
 
@@ -233,13 +254,13 @@ def parameter_rows(model: ChannelModel, named: bool) -> list[tuple[str, ...]]:
     return rows or [(channel, "none found", "", "", "", "", "")]
 
 
-def channel_section(result: ChannelResult) -> Section:
+def channel_section(result: ChannelResult, recording: Recording) -> Section:
     """Everything about one channel."""
     effects = tuple(fitted.effect for fitted in result.model.effects)
     names = [fitted.name.replace("_", " ") for fitted in result.model.effects]
-    paragraphs = [_channel_sentence(result, names)]
+    paragraphs = [_channel_sentence(result, recording, names)]
     paragraphs += transfer_paragraphs(result)
-    drawn = [f for f in (_allan(result), _spectrum(result)) if f is not None]
+    drawn = [f for f in (_allan(result, recording), _spectrum(result)) if f is not None]
     drawn.append(_course(result))
     drawn += transfer_figures(result)
     rows = tuple(row[1:] for row in parameter_rows(result.model, named=False))
@@ -253,44 +274,41 @@ def _heading(result: ChannelResult) -> str:
     return label[:1].upper() + label[1:]
 
 
-def _channel_sentence(result: ChannelResult, names: Sequence[str]) -> str:
+def _channel_sentence(result: ChannelResult, recording: Recording, names: Sequence[str]) -> str:
     channel = result.channel
     found = ", ".join(names) if names else "no noise that can be named"
     text = (
         f"{channel.name} of {channel.topic}: {found}. Mean {number(result.series.mean)} "
         f"{channel.unit}, {duration(channel.duration_s)} at {channel.rate_hz:.5g} Hz."
     )
-    share = inside(result)
+    share = inside(result, recording)
     if share is not None:
         text += f" The model is inside the Allan intervals at {100 * share:.0f} % of the times."
     return text
 
 
-def _allan(result: ChannelResult) -> Figure | None:
+def _allan(result: ChannelResult, recording: Recording) -> Figure | None:
     curve = result.allan
     if curve is None or curve.tau_s.size == 0 or not np.all(curve.lower > 0.0):
         return None
     effects = tuple(fitted.effect for fitted in result.model.effects)
     dt = result.series.sample_time_s
-    models = [Part("model", model_allan(effects, curve.tau_s, dt))] if effects else []
+    models = [Part("model", np.sqrt(_predicted(result, recording)))] if effects else []
     plot = figures.allan_figure(
-        curve.tau_s, curve.deviation, curve.lower, curve.upper, result.channel.unit,
-        allan_parts(effects, curve.tau_s, dt), models,
-    )  # fmt: skip
+        curve, result.channel.unit, allan_parts(effects, curve.tau_s, dt), models
+    )
     caption = "Measured, with each effect's own share (dashed) and all of them together."
     return Figure("Allan deviation", f"{caption} {curve.note}".strip(), plot)
 
 
 def _spectrum(result: ChannelResult) -> Figure | None:
-    if result.series.values.size < 64:
-        return None
     measured = spectrum(result.series)
-    if not np.all(measured.psd > 0.0):
+    if measured.psd.size == 0 or not np.all(measured.psd > 0.0):
         return None
     effects = tuple(fitted.effect for fitted in result.model.effects)
     dt = result.series.sample_time_s
     f = measured.frequency_hz
-    models = [Part("model", model_psd(effects, f, dt))] if effects else []
+    models = [Part("model", model_psd(result.model, f, dt))] if effects else []
     tones = [float(e.values()[0]) for e in effects if e.name == "periodic"]
     plot = figures.spectrum_figure(
         measured, result.channel.unit, psd_parts(effects, f, dt), models, tones

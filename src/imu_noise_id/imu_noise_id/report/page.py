@@ -11,28 +11,34 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from imu_noise_id import __version__
+from imu_noise_id.errors import InputError
+from imu_noise_id.report.plot import Plot, plot_tree
+
+_BOKEH_FILES = ("bokeh.min.js", "bokeh-api.min.js")
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A Bokeh figure with a title and what to look at in it.
+    """A picture with a title and what to look at in it.
 
     Attributes
     ----------
     title : str
     caption : str
         One or two sentences; plain text.
-    plot : bokeh.models.Plot
+    plot : Plot
     wide : bool
         Whether it takes the whole width of the page.
     """
 
     title: str
     caption: str
-    plot: Any
+    plot: Plot
     wide: bool = False
 
 
@@ -127,7 +133,7 @@ def render(page: Page) -> str:
         page=page,
         anchors=_anchors(page.sections),
         numbers=numbers,
-        items=_script_json([_item(figure, numbers[id(figure)]) for figure in figures]),
+        plots=_script_json([plot_tree(figure.plot) for figure in figures]),
         bokeh=_bokeh(),
         style=_text("page.css"),
         script=_text("page.js"),
@@ -137,12 +143,6 @@ def render(page: Page) -> str:
 
 def _anchors(sections: Sequence[Section]) -> list[str]:
     return [f"section-{k + 1}" for k in range(len(sections))]
-
-
-def _item(figure: Figure, target: str) -> Any:
-    from bokeh.embed import json_item
-
-    return json_item(figure.plot, target)
 
 
 def _script_json(tree: Any) -> str:
@@ -157,8 +157,10 @@ def _text(name: str) -> str:
 
 @cache
 def _bokeh() -> str:
-    """Bokeh's browser library, the plain figures' part of it only."""
-    from bokeh.resources import Resources
-
-    scripts = "\n".join(Resources(mode="inline", components=["bokeh"]).js_raw)
-    return scripts.replace("</script", "<\\/script")
+    """Bokeh's browser library, what plain figures need of it."""
+    found = find_spec("bokeh")  # the files only: importing the package takes a second
+    if found is None or not found.submodule_search_locations:
+        raise InputError("no report without Bokeh: python -m pip install 'bokeh>=3.4'")
+    folder = Path(found.submodule_search_locations[0], "server", "static", "js")
+    scripts = [(folder / name).read_text(encoding="utf-8") for name in _BOKEH_FILES]
+    return "\n".join(scripts).replace("</script", "<\\/script")

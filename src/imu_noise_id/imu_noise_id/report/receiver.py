@@ -14,7 +14,7 @@ MOST_POINTS = 1500
 
 
 def receiver_section(recording: Recording) -> Section | None:
-    """Return the scatter of the fixes with the claimed and the true ellipse, or None without fixes."""
+    """Return the fixes with the claimed and the true ellipse, or None without fixes."""
     names = {c.name for c in recording.channels}
     if not {f"position.{axis}" for axis in AXES} <= names:
         return None
