@@ -1,0 +1,112 @@
+"""What a live run must not lose, in one file.
+
+It holds, topic by topic, the buffered messages as columns (stamps, times of reception, values as
+received), so that a restarted run identifies what the first one would have.  A reader sees the old
+or the new whole file; nothing in it is ever executed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from imu_noise_id.cdr import LAYOUTS
+from imu_noise_id.columns import TopicColumns
+from imu_noise_id.errors import InputError
+
+FORMAT = "checkpoint/1"
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Columns of the topics of a live run."""
+
+    columns: tuple[TopicColumns, ...]
+
+
+def save_checkpoint(checkpoint: Checkpoint, path: Path | str) -> None:
+    """Replace a checkpoint file.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written; the old file is untouched.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    arrays: dict[str, np.ndarray] = {"format": np.array(FORMAT)}
+    for k, columns in enumerate(checkpoint.columns):
+        arrays |= _arrays(f"topic{k}", columns)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(temporary, "wb") as stream:
+            np.savez(stream, **arrays)  # type: ignore[arg-type]
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror}): free the place or name another"
+        ) from error
+
+
+def load_checkpoint(path: Path | str) -> Checkpoint:
+    """Read a checkpoint file.
+
+    Raises
+    ------
+    InputError
+        When it is missing, damaged or not a checkpoint.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            if str(arrays["format"]) != FORMAT:
+                raise InputError(f"{path}: not a {FORMAT} file: name another or remove it")
+            names = sorted({key.split(".")[0] for key in arrays if "." in key})
+            return Checkpoint(tuple(_columns(name, arrays) for name in names))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{path}: no checkpoint can be read from it ({error}): remove it or name another"
+        ) from error
+
+
+def _arrays(name: str, columns: TopicColumns) -> dict[str, np.ndarray]:
+    return {
+        f"{name}.topic": np.array(columns.topic),
+        f"{name}.type": np.array(columns.type),
+        f"{name}.stamp_ns": columns.stamp_ns,
+        f"{name}.log_ns": columns.log_ns,
+        f"{name}.values": columns.values,
+        f"{name}.frame_ids": np.array(sorted(columns.frame_ids), dtype=np.bytes_),
+        f"{name}.invalid": np.array(columns.invalid),
+    }
+
+
+def _columns(name: str, arrays: np.lib.npyio.NpzFile) -> TopicColumns:
+    def get(part: str) -> np.ndarray:
+        array: np.ndarray = arrays[f"{name}.{part}"]
+        return array
+
+    msgtype = str(get("type"))
+    stamp_ns, log_ns, values = get("stamp_ns"), get("log_ns"), get("values")
+    if msgtype not in LAYOUTS or values.shape != (len(LAYOUTS[msgtype].columns), stamp_ns.size):
+        raise ValueError(f"the columns of {name} do not fit {msgtype}")
+    if (stamp_ns.dtype, log_ns.dtype, values.dtype, log_ns.shape) != (
+        np.dtype(np.int64),
+        np.dtype(np.int64),
+        np.dtype(np.float64),
+        stamp_ns.shape,
+    ):
+        raise ValueError(f"the columns of {name} have other types than they should")
+    frames: Sequence[bytes] = get("frame_ids").tolist()
+    return TopicColumns(
+        str(get("topic")), msgtype, stamp_ns, log_ns, values, frozenset(frames), int(get("invalid"))
+    )

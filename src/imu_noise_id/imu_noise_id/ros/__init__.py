@@ -1,0 +1,1 @@
+"""Live nodes: parameters, messages to records and back, wiring."""

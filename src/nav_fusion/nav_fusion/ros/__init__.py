@@ -1,0 +1,1 @@
+"""Live nodes: parameters, messages to the filter's inputs and back, wiring."""
