@@ -25,6 +25,10 @@ from imu_noise_id.recording import (
 from imu_noise_id.stamps import Timing, examine
 
 _NO_FIX = -1
+_WIDEST = np.array((90.0, 360.0, 1e7))
+"""Latitude and longitude in degrees and altitude in metres that can be."""
+_ABSURD = 1e100
+"""No sensor's value; counted as not finite, so that squares can be taken."""
 _SPREAD_NS = 86_400_000_000_000
 
 
@@ -69,7 +73,7 @@ def to_recording(
     for columns in used:
         timing = examine(columns.stamp_ns)
         if timing.stamp_ns.size < 2:
-            said.append(_too_few(columns))
+            said.append(_too_few(columns, timing))
             continue
         ordered = columns
         if not timing.kept.all():
@@ -94,8 +98,10 @@ def to_recording(
     return Recording(source, start_ns, tuple(channels), temperature, claim, tuple(said))
 
 
-def _too_few(columns: TopicColumns) -> str:
+def _too_few(columns: TopicColumns, timing: Timing) -> str:
     count = columns.stamp_ns.size
+    if timing.notes and not timing.stamp_ns.size:
+        return f"topic {columns.topic}: {timing.notes[0]}; make the driver stamp its messages"
     if count == 1:
         return f"topic {columns.topic} has one message; record for longer"
     return (
@@ -125,19 +131,22 @@ def _used_stamps(columns: TopicColumns, said: list[str]) -> TopicColumns:
 
 def _samples(columns: TopicColumns, timing: Timing) -> _Samples:
     """Channel names and values of a topic in order."""
-    rows = dict(zip(LAYOUTS[columns.type].columns, columns.values, strict=True))
+    values = columns.values
+    if not all((np.abs(row) < _ABSURD).all() for row in values):
+        values = np.where(np.abs(values) < _ABSURD, values, np.nan)
+    rows = dict(zip(LAYOUTS[columns.type].columns, values, strict=True))
     if columns.type == cdr.NAV_SAT_FIX:
         return _fix_samples(columns.topic, timing, rows)
     if columns.type in (cdr.TWIST, cdr.TWIST_WITH_COVARIANCE):
         names = tuple(f"velocity.{axis}" for axis in ("east", "north", "up"))
-        return _Samples(columns.topic, timing, names, columns.values[:3])
-    return _Samples(columns.topic, timing, tuple(rows), columns.values)
+        return _Samples(columns.topic, timing, names, values[:3])
+    return _Samples(columns.topic, timing, tuple(rows), values)
 
 
 def _fix_samples(topic: str, timing: Timing, rows: dict[str, Floats]) -> _Samples:
     geodetic = np.array([rows[name] for name in ("latitude", "longitude", "altitude")])
     lost = rows["status"] <= _NO_FIX
-    usable = np.isfinite(geodetic).all(axis=0) & ~lost
+    usable = (np.abs(geodetic) <= _WIDEST[:, np.newaxis]).all(axis=0) & ~lost
     notes: tuple[str, ...] = ()
     if count := int(np.count_nonzero(lost)):
         notes = (f"{count} messages say that there is no fix: left out",)

@@ -31,6 +31,8 @@ class BagFiles:
         The path as the user gave it.
     paths : tuple of Path
         MCAP or sqlite3 files, unpacked.
+    labels : tuple of str
+        The files as the bag names them, for messages.
     message_compression : str
         ``zstd`` where each message is compressed by itself.
     notes : tuple of str
@@ -38,6 +40,7 @@ class BagFiles:
 
     name: str
     paths: tuple[Path, ...]
+    labels: tuple[str, ...]
     message_compression: str = ""
     notes: tuple[str, ...] = ()
 
@@ -77,7 +80,8 @@ def open_bag_files(bag: str | Path) -> Iterator[BagFiles]:
                 continue
             folder = folder or Path(stack.enter_context(tempfile.TemporaryDirectory()))
             paths.append(_unpacked(file, folder / f"{k}-{file.stem}"))
-        yield BagFiles(str(bag), tuple(paths), "zstd" if mode == "message" else "", notes)
+        compression = "zstd" if mode == "message" else ""
+        yield BagFiles(str(bag), tuple(paths), tuple(str(n) for n in names), compression, notes)
 
 
 def _listed(folder: Path) -> tuple[list[Path], str, tuple[str, ...]]:
@@ -155,11 +159,13 @@ def _unpacked(path: Path, target: Path) -> Path:
                         "unpack it with zstd and give the folder of the result"
                     )
     except (zstandard.ZstdError, EOFError) as error:
-        if not target.stat().st_size:
+        if not target.stat().st_size:  # else what came before the damage is read
             raise InputError(f"{path}: cannot be unpacked ({error}); copy it again") from error
     except OSError as error:
         free = shutil.disk_usage(target.parent).free
         raise InputError(
             f"{path}: cannot be unpacked into {target.parent} ({error}; {free >> 20} MiB free)"
         ) from error
+    if not target.stat().st_size:
+        raise InputError(f"{path}: unpacks to nothing; copy it again")
     return target

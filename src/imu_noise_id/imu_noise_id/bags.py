@@ -28,7 +28,7 @@ from imu_noise_id.cdr import LAYOUTS, Bytes, Decoded, decode, decode_batch
 from imu_noise_id.columns import ColumnBuffer, TopicColumns
 from imu_noise_id.definitions import is_standard
 from imu_noise_id.errors import InputError
-from imu_noise_id.mcap_file import ChannelMessages, DamagedError, McapFile, Span
+from imu_noise_id.mcap_file import LATEST_NS, ChannelMessages, DamagedError, McapFile, Span
 from imu_noise_id.recording import Recording, Stamps
 from imu_noise_id.topics import TopicInfo, TopicNames, choose_topics, listing
 
@@ -79,10 +79,13 @@ def read_topics(
     names = topics or TopicNames()
     with open_bag_files(path) as files, ExitStack() as stack:
         try:
-            sources = [_open_source(p, files, stack) for p in files.paths]
+            sources = _open_sources(files, stack)
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-        chosen = choose_topics(_merged(sources), names, str(path))
+        found = _merged(sources)
+        if not found and (damage := [note for source in sources for note in source.notes]):
+            raise InputError("; ".join(damage))
+        chosen = choose_topics(found, names, str(path))
         wanted = {info.name: info for info in chosen.values()}
         columns, notes = _read_wanted(sources, wanted, last_s, threads or _cores())
     for column in columns:
@@ -96,7 +99,7 @@ def read_topics(
 def list_topics(path: str | Path) -> list[TopicInfo]:
     """All topics of a bag."""
     with open_bag_files(path) as files, ExitStack() as stack:
-        return _merged([_open_source(p, files, stack) for p in files.paths])
+        return _merged(_open_sources(files, stack))
 
 
 def _nothing_read(column: TopicColumns) -> str:
@@ -254,7 +257,7 @@ class McapSource:
 class SqliteSource:
     """An open sqlite3 file."""
 
-    path: Path
+    label: str
     database: sqlite3.Connection
     message_compression: str = ""
     notes: list[str] = field(default_factory=list)
@@ -289,30 +292,37 @@ class SqliteSource:
                 for times, data in sqlite_file.messages(self.database, topic.id, first_ns):
                     whole = [_unpacked(m, self.message_compression) for m in data]
                     decoded = decode_batch(topic.type, whole)
-                    buffers[topic.name].append(decoded, np.array(times, np.int64))
+                    buffers[topic.name].append(
+                        decoded, np.clip(np.array(times, np.int64), 0, LATEST_NS)
+                    )
         except sqlite3.Error as error:
-            return [f"{self.path}: damaged ({error}); what is whole before it is read"]
+            return [f"{self.label}: damaged ({error}); what is whole before it is read"]
         return []
 
 
 Source = McapSource | SqliteSource
 
 
-def _open_source(path: Path, files: BagFiles, stack: ExitStack) -> Source:
+def _open_sources(files: BagFiles, stack: ExitStack) -> list[Source]:
+    pairs = zip(files.paths, files.labels, strict=True)
+    return [_open_source(path, label, files.message_compression, stack) for path, label in pairs]
+
+
+def _open_source(path: Path, label: str, compression: str, stack: ExitStack) -> Source:
     file = stack.enter_context(path.open("rb"))
     if os.pread(file.fileno(), len(SQLITE_MAGIC), 0) == SQLITE_MAGIC:
         try:
             database = stack.enter_context(sqlite_file.open_sqlite(path))
-            source = SqliteSource(path, database, files.message_compression)
+            source = SqliteSource(label, database, compression)
             source.topics()
         except sqlite3.Error as error:
-            raise InputError(f"{path}: not readable as a rosbag2 database ({error})") from error
+            raise InputError(f"{label}: not readable as a rosbag2 database ({error})") from error
         return source
     try:
-        found = mcap_file.scan(file, str(path))
+        found = mcap_file.scan(file, label)
     except DamagedError as damage:
-        raise InputError(f"{path}: {damage}; give a rosbag2 folder or an .mcap file") from damage
-    return McapSource(file, found, files.message_compression, list(found.notes))
+        raise InputError(f"{label}: {damage}; give a rosbag2 folder or an .mcap file") from damage
+    return McapSource(file, found, compression, list(found.notes))
 
 
 def _definition_problem(msgtype: str, text: str) -> str:

@@ -313,8 +313,9 @@ def encode(
 
 
 def _put(rows: Bytes, at: int, column: NDArray[np.generic]) -> None:
-    flat = np.ascontiguousarray(column).view(np.uint8).reshape(rows.shape[0], -1)
-    rows[:, at : at + flat.shape[1]] = flat
+    size = column.dtype.itemsize
+    flat = np.ascontiguousarray(column).view(np.uint8).reshape(rows.shape[0], size)
+    rows[:, at : at + size] = flat
 
 
 def _pad(data: bytes, size: int) -> bytes:

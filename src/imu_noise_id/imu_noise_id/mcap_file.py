@@ -25,6 +25,8 @@ from imu_noise_id.recording import Stamps
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK_LIMIT = 128 << 20
 """Bytes; a chunk that is or claims to be larger is left out."""
+LATEST_NS = 1 << 62
+"""Later log times are nonsense and are cut to this one, so that differences can be taken."""
 DEFINITION_LIMIT = 1 << 20
 
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _STATISTICS, _DATA_END, _FOOTER = (
@@ -341,7 +343,7 @@ def messages_of(file: BinaryIO, span: Span, chunk: Bytes) -> dict[int, ChannelMe
     if (size < _MESSAGE_HEAD).any():
         raise DamagedError("a chunk holds a message shorter than its head")
     channel = gather(chunk, "<u2", body)
-    log_ns = gather(chunk, "<u8", body + 6).astype(np.int64)
+    log_ns = np.minimum(gather(chunk, "<u8", body + 6), LATEST_NS).astype(np.int64)
     by_channel = {}
     for channel_id in np.unique(channel).tolist():
         mine = channel == channel_id

@@ -129,7 +129,7 @@ def moving_intervals(topics: Sequence[Topic]) -> Intervals:
         parts += _magnetic(*found["magnetic_field"])
     if "velocity" in found:
         parts += _velocity(*found["velocity"])
-    if "position" in found:
+    elif "position" in found:
         parts += _position(*found["position"])
     begin = np.concatenate([p[0] for p in parts] or [np.empty(0, np.int64)])
     end = np.concatenate([p[1] for p in parts] or [np.empty(0, np.int64)])

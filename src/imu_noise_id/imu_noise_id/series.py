@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imu_noise_id.recording import Channel, Floats, Mask
+from imu_noise_id.stamps import cells
 
 
 @dataclass(frozen=True)
@@ -49,9 +50,8 @@ class Series:
 def to_series(channel: Channel, recording_start_ns: int) -> Series:
     """Put a channel on the grid of its own rate.
 
-    Sample k+1 lies ``round((t_{k+1} - t_k) / dt)`` (at least 1) cells after sample k, so jitter and
-    a slow drift of the clock do not open or close cells, and a gap keeps its length to within half
-    a sample.  Moving samples become unobserved; leading and trailing unobserved cells are cut.
+    The cells are those of `stamps.cells`: jitter and a slow drift of the clock do not open or close
+    cells, and a gap keeps its length to within half a sample.  Moving samples become unobserved; leading and trailing unobserved cells are cut.
 
     Parameters
     ----------
@@ -71,8 +71,7 @@ def to_series(channel: Channel, recording_start_ns: int) -> Series:
     if not channel.still.any():
         raise ValueError(f"{channel.topic} {channel.name}: no still sample")
     sample_time_s = 1.0 / channel.rate_hz
-    steps = np.rint(np.diff(channel.stamp_ns) * (1e-9 / sample_time_s)).astype(np.int64)
-    cell = np.concatenate(([0], np.cumsum(np.maximum(steps, 1))))
+    cell = cells(channel.stamp_ns, 1e9 * sample_time_s)
     used = np.flatnonzero(channel.still)
     first = used[0]
     cell = cell[used] - cell[first]

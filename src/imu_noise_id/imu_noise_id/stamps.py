@@ -27,7 +27,9 @@ GRID_CELLS_PER_SAMPLE = 4
 GRID_CELLS = 1 << 22
 """A grid has no more than this many cells (and `GRID_CELLS_PER_SAMPLE` for each sample)."""
 _WINDOW = 11
+_LONGEST_WINDOW = 1001
 _BLOCK = 256
+_MOST_STEPS = 200_000
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,9 @@ def examine(stamp_ns: Stamps) -> Timing:
     Timing
     """
     joined, stray, notes = join_clock_steps(stamp_ns)
+    if joined.size == 0 < stamp_ns.size:
+        kept = np.zeros(stamp_ns.size, dtype=bool)
+        return Timing(kept, joined, 0.0, 0.0, 0, 0, 0, stamp_ns.size, tuple(notes))
     kept, duplicates = _advancing(joined, stray)
     late = int(kept.size - kept.sum()) - duplicates
     ordered = joined if kept.all() else joined[kept]
@@ -102,7 +107,8 @@ def join_clock_steps(stamp_ns: Stamps) -> tuple[Stamps, Mask | None, list[str]]:
     """Stamps without clock steps, which samples are strays, and notes.
 
     Neighbours more than a second apart divide the stamps into runs; a run of a few samples whose
-    neighbours join up without it is stray.
+    neighbours join up without it is stray.  No stamps are returned where the clock is set so often
+    that they are no times.
     """
     steps = np.diff(stamp_ns)
     far = (steps < -STEP_BACK_NS) | (steps > STEP_BACK_NS)
@@ -117,13 +123,17 @@ def join_clock_steps(stamp_ns: Stamps) -> tuple[Stamps, Mask | None, list[str]]:
     begin, end = begin[good], end[good]
     jump = stamp_ns[begin[1:]] - stamp_ns[end[:-1] - 1]
     stepped = (jump < 0) | (jump > STEP_AHEAD_NS)
-    period = _typical_step_ns(steps)
-    shift = np.concatenate(([0], np.cumsum(np.where(stepped, 2 * period - jump, 0))))
+    count = int(stepped.sum())
+    if count > 10 + stamp_ns.size // 100:
+        return stamp_ns[:0], None, [f"the stamps jump {count} times: they are no times"]
+    step = np.where(stepped, 2 * _typical_step_ns(steps), jump)
+    length = stamp_ns[end - 1] - stamp_ns[begin]
+    place = stamp_ns[begin[0]] + np.concatenate(([0], np.cumsum(length[:-1] + step)))
     joined = stamp_ns.copy()
-    for k in np.flatnonzero(shift).tolist():
-        joined[begin[k] : end[k]] += shift[k]
+    for k in np.flatnonzero(place != stamp_ns[begin]).tolist():
+        joined[begin[k] : end[k]] += place[k] - stamp_ns[begin[k]]
     notes = []
-    if count := int(stepped.sum()):
+    if count:
         largest = jump[stepped][np.argmax(np.abs(jump[stepped]))] * 1e-9
         times = "once" if count == 1 else f"{count} times"
         notes.append(
@@ -170,11 +180,15 @@ def _advancing(stamp_ns: Stamps, stray: Mask | None) -> tuple[Mask, int]:
 def sample_period_ns(stamp_ns: Stamps) -> float:
     """Time between neighbouring samples where none is missing.
 
-    The median step gives the first guess, and where the samples come in bursts the mean step; the
-    slope of the stamps over their cells, fitted within gapless stretches, gives the value.
+    The shortest steps give the first guess where all are multiples of them, else the median step;
+    where the samples come in bursts, the mean step.  The slope
+    of the stamps over their cells, fitted within gapless stretches, gives the value.
     """
     steps = np.diff(stamp_ns)
-    period = float(np.median(steps))
+    steps = steps[:: 1 + steps.size // _MOST_STEPS]
+    period = float(np.quantile(steps, 0.1))
+    if np.mean(np.abs(steps / period - np.rint(steps / period)) < 0.1) < 0.9:
+        period = float(np.median(steps))
     lost = np.rint(steps / period)
     if np.mean(lost > 1.5) > 0.02 and lost.sum() > 3.0 * steps.size:
         period = float(np.mean(steps[steps <= np.quantile(steps, 0.999)]))
@@ -186,27 +200,45 @@ def sample_period_ns(stamp_ns: Stamps) -> float:
 def cells(stamp_ns: Stamps, period_ns: float) -> Cells:
     """Cell of each sample on the uniform grid, the first in cell 0, strictly increasing.
 
-    Where a step is not within half a period of one period, the lag of the stamps behind the count
-    of samples decides: a median over 11 samples of it jumps at a gap and not at jitter.
+    About a step that is not within half a period of one period, whole multiples count as they are;
+    else the lag of the stamps behind the count of samples decides: a median over 11 samples of it
+    jumps at a gap and not at jitter.
     """
     cell = np.arange(stamp_ns.size)
     steps = np.diff(stamp_ns)
     odd = np.flatnonzero(np.abs(steps - period_ns) > 0.5 * period_ns)
     if odd.size == 0:
         return cell
-    for begin, end in _neighbourhoods(odd, stamp_ns.size):
-        lag = (stamp_ns[begin:end] - stamp_ns[begin]) / period_ns - np.arange(end - begin)
-        smooth = median_filter(lag, _WINDOW, mode="nearest") if lag.size > 2 else lag
-        lost = np.rint(np.diff(smooth)).astype(np.int64)
-        np.maximum(lost, 0, out=lost)
+    window = _smoothing_samples(steps, period_ns)
+    for begin, end in _neighbourhoods(odd, stamp_ns.size, 2 * window):
+        lost = _lost(stamp_ns[begin:end], period_ns, window)
         cell[begin + 1 : end] += np.cumsum(lost)
         cell[end:] += int(lost.sum())
     return cell
 
 
-def _neighbourhoods(odd: Cells, size: int) -> list[tuple[int, int]]:
+def _lost(stamp_ns: Stamps, period_ns: float, window: int) -> Cells:
+    """Cells without a sample before each sample but the first."""
+    ratio = np.diff(stamp_ns) / period_ns
+    whole = np.rint(ratio)
+    if (np.abs(ratio - whole) < 0.2).all() and (whole >= 1).all():
+        return whole.astype(np.int64) - 1
+    lag = (stamp_ns - stamp_ns[0]) / period_ns - np.arange(stamp_ns.size)
+    smooth = median_filter(lag, window, mode="nearest") if lag.size > 2 else lag
+    return np.maximum(np.rint(np.diff(smooth)), 0).astype(np.int64)
+
+
+def _smoothing_samples(steps: Stamps, period_ns: float) -> int:
+    """Samples of the median that tells gaps from jitter: four bursts where samples come in bursts."""
+    tight = int(np.count_nonzero(steps < 0.25 * period_ns))
+    if tight < 0.3 * steps.size:
+        return _WINDOW
+    burst = steps.size // max(steps.size - tight, 1) + 1
+    return min(4 * burst + 1, _LONGEST_WINDOW)
+
+
+def _neighbourhoods(odd: Cells, size: int, reach: int) -> list[tuple[int, int]]:
     """Stretches of samples about the odd steps, none touching another."""
-    reach = 2 * _WINDOW
     split = np.flatnonzero(np.diff(odd) > 2 * reach) + 1
     first = odd[np.concatenate(([0], split))] - reach
     last = odd[np.concatenate((split - 1, [odd.size - 1]))] + reach + 2
