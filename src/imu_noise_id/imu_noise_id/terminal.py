@@ -12,7 +12,11 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from imu_noise_id.reconcile import Reconciliation
+    from imu_noise_id.recording import Recording
+
 PIPE_WIDTH = 160
+NOT_SEEN = "not seen"
 
 
 def number(value: float | str | None, precision: float | None = None) -> str:
@@ -86,6 +90,9 @@ def model_table(model: NoiseModel) -> Table:
         for index, row in enumerate(rows):
             cells = [Text(cell) for cell in row]
             cells[0].stylize("bold cyan")
+            if row[4] == NOT_SEEN:
+                for cell in cells[1:]:
+                    cell.stylize("dim")
             table.add_row(*cells, end_section=index == len(rows) - 1)
     return table
 
@@ -103,7 +110,7 @@ def channel_rows(channel: ChannelModel) -> list[tuple[str, str, str, str, str, s
             shown_channel = shown_effect = ""
     for bound in channel.bounds:
         value = f"< {number(bound.upper, bound.upper)}"
-        rows.append((shown_channel, bound.name, bound.parameter, value, "not seen", bound.unit))
+        rows.append((shown_channel, bound.name, bound.parameter, value, NOT_SEEN, bound.unit))
         shown_channel = ""
     if not rows:
         rows.append((channel.name, "no effect found", "", "-", "-", ""))
@@ -135,4 +142,34 @@ def fleet_table(tree: dict[str, Any]) -> Table:
         )
         shown = row["channel"]
         table.add_row(*(Text(cell) for cell in cells))
+    return table
+
+
+def reconciliation_table(result: Reconciliation, recording: Recording) -> Table:
+    """Return the verdict on every channel: gap before, what was changed, gap after."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    from imu_noise_id.wording import step_sentence
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
+    table.add_column("channel", no_wrap=True)
+    table.add_column("verdict", no_wrap=True)
+    table.add_column("gap", justify="right", no_wrap=True)
+    table.add_column("after", justify="right", no_wrap=True)
+    table.add_column("what was changed", overflow="fold")
+    colours = {"agrees": "green", "explained": "cyan", "unexplained": "yellow"}
+    for channel in result.channels:
+        unit = recording.channel(channel.name).unit
+        steps = [step_sentence(step.action, step.effect, unit) for step in channel.steps]
+        places = [f"{w.domain} {w.from_:.3g} to {w.to:.3g} {w.unit}" for w in channel.after.where]
+        left = f"still differs: {', '.join(places[:3])}" if places else ""
+        table.add_row(
+            Text(channel.name, "bold"),
+            Text(channel.verdict, colours.get(channel.verdict, "")),
+            f"{channel.before.score:.2f}",
+            f"{channel.after.score:.2f}",
+            Text("; ".join([*steps, *([left] if left else [])])),
+        )
     return table

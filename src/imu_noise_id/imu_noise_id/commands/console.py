@@ -7,6 +7,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import NoReturn
 
 from imu_noise_id.errors import InputError
@@ -114,3 +115,18 @@ def warn(notes: tuple[str, ...] | list[str]) -> None:
     """Print notes on stderr, one line each."""
     for note in notes:
         print(f"note: {' '.join(note.split())}", file=sys.stderr)
+
+
+def check_folder(folder: Path) -> None:
+    """Find out that a folder cannot be written before the long work, not after it.
+
+    Raises
+    ------
+    InputError
+        When it cannot be made or written.
+    """
+    from imu_noise_id.files import write_text
+
+    probe = folder / ".probe"
+    write_text(probe, "")
+    probe.unlink()

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imu_noise_id.commands.console import Parser, positive, progress, run, warn
+from imu_noise_id.commands.console import Parser, check_folder, positive, progress, run, warn
 from imu_noise_id.errors import InputError
 
 if TYPE_CHECKING:
@@ -137,26 +137,11 @@ def work(options: argparse.Namespace) -> int:
     if options.output is None and not options.json:
         raise InputError("--output is missing: name a folder for the results")
     if options.output is not None:
-        _check_folder(Path(options.output))
+        check_folder(Path(options.output))
     jobs, fleet = jobs_of(options)
     if fleet:
         return _work_fleet(jobs, options)
     return _work_one(jobs[0], options)
-
-
-def _check_folder(folder: Path) -> None:
-    """Find out that a folder cannot be written before the long work, not after it.
-
-    Raises
-    ------
-    InputError
-        When it cannot be made or written.
-    """
-    from imu_noise_id.files import write_text
-
-    probe = folder / ".probe"
-    write_text(probe, "")
-    probe.unlink()
 
 
 def _work_one(job: Job, options: argparse.Namespace) -> int:

@@ -12,6 +12,10 @@ _EXAMPLES = """\
 """
 
 
+START_NS = 1_704_067_200_000_000_000
+"""First stamp of a simulation, 2024-01-01: a stamp of zero means none in ROS."""
+
+
 def parser() -> Parser:
     """Return the command's arguments."""
     arguments = Parser(
@@ -45,7 +49,7 @@ def work(options: argparse.Namespace) -> None:
     model = load_model(options.model)
     rng = np.random.default_rng(options.seed)
     try:
-        recording = simulate_recording(model, options.duration, rng)
+        recording = simulate_recording(model, options.duration, rng, START_NS)
     except ValueError as error:
         raise InputError(f"{options.model}: {error}: simulate longer") from error
     write_recording(recording, options.output)

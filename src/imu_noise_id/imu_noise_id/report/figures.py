@@ -5,6 +5,7 @@ Colours are middle tones that read on white and on black.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -285,3 +286,11 @@ def areas_figure(at: Floats, parts: Sequence[Part], x: Axis, y: Axis) -> Plot:
         layers.append(Layer("line", data, part.label, colour, width=1.0, hover=hover))
         below = above
     return Plot(x, y, tuple(layers))
+
+
+def with_guides(plot: Plot, at: Sequence[float], label: str) -> Plot:
+    """Add vertical lines to a picture."""
+    if not at:
+        return plot
+    guides = Layer("guide", {"x": np.array(at)}, label, COLOURS["periodic"], "dotted")
+    return dataclasses.replace(plot, layers=(*plot.layers, guides))

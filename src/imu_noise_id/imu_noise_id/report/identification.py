@@ -21,6 +21,7 @@ from imu_noise_id.report.receiver import receiver_section
 from imu_noise_id.report.transfer import transfer_figures, transfer_paragraphs, transfer_table
 from imu_noise_id.spectrum import spectrum
 from imu_noise_id.terminal import half_width, interval, number
+from imu_noise_id.wording import QUANTITIES, channel_label, powers
 
 SENSORS = {
     "angular_velocity": "Gyroscope",
@@ -30,16 +31,6 @@ SENSORS = {
     "position": "GNSS position",
     "velocity": "GNSS velocity",
 }
-WORDS = {
-    "angular_velocity": "gyroscope",
-    "linear_acceleration": "accelerometer",
-    "magnetic_field": "magnetometer",
-    "heading": "heading",
-    "position": "position",
-    "velocity": "velocity",
-}
-
-
 TEMPERATURE_POINTS = 4096
 
 
@@ -62,19 +53,13 @@ def identification_page(identification: Identification) -> str:
     return render(page)
 
 
-def channel_label(name: str) -> str:
-    """``angular_velocity.x`` -> ``gyroscope x``."""
-    quantity, _, axis = name.partition(".")
-    return f"{WORDS.get(quantity, quantity)} {axis}".strip()
-
-
 def verdict(identification: Identification) -> str:
     """Return the answer in a few sentences: what was seen, how loud, how well it fits."""
     results = identification.channels
     if not results:
         return "Nothing could be identified: no channel stood still long enough."
     sentences = [_span_sentence(results)]
-    for quantity, word in WORDS.items():
+    for quantity, word in QUANTITIES.items():
         models = [r.model for r in results if r.model.name.split(".")[0] == quantity]
         if models:
             sentences.append(_sensor_sentence(word, models))
@@ -106,19 +91,6 @@ def _sensor_sentence(word: str, models: Sequence[ChannelModel]) -> str:
     if others:
         text += "; beside it " + ", ".join(name.replace("_", " ") for name in others)
     return text + "."
-
-
-_SUPERSCRIPTS = str.maketrans(
-    "-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"
-)
-
-
-def powers(value: float) -> str:
-    """Two digits as people write them: ``1.2\u00d710\u207b\u2074``."""
-    if value == 0.0 or 1e-2 <= abs(value) < 1e3:
-        return f"{value:.2g}"
-    mantissa, _, exponent = f"{value:.1e}".partition("e")
-    return f"{mantissa}\u00d710{str(int(exponent)).translate(_SUPERSCRIPTS)}"
 
 
 def duration(seconds: float) -> str:
