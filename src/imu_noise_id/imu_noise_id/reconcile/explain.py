@@ -30,6 +30,7 @@ from imu_noise_id.selection import RESPONSES, SOURCES
 
 PRICE_PER_PARAMETER = 3.0
 LINE_PRICE = 8.0
+PREFERENCE = 1.5
 SLOW = frozenset({"rate_random_walk", "gauss_markov", "bias_instability"})
 TELEGRAPH_BLOCKS = 1500
 MOST_PER_CHANNEL = {"gauss_markov": 3, "narrow_band": 8, "periodic": 12, "bias_step": 6}
@@ -85,7 +86,12 @@ def candidates(state: State, found: Analysis) -> list[Candidate]:
     slow = [c for c in out if c.effect.name == "gauss_markov" and c.action == ADD and c.gain > 3.0]
     for candidate in slow[:1]:
         out += _telegraph(state, found, candidate)
-    return sorted((c for c in out if c.gain > 0.0), key=lambda c: -c.net)
+    return sorted((c for c in out if c.gain > 0.0), key=lambda c: -c.net - _preference(c))
+
+
+def _preference(candidate: Candidate) -> float:
+    """Nats in favour of an addition: values far outside their intervals are the rarer story."""
+    return PREFERENCE if candidate.action == ADD else 0.0
 
 
 def residual_of(found: Analysis) -> Residual:

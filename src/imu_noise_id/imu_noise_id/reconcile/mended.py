@@ -17,6 +17,7 @@ from imu_noise_id.model import (
 )
 from imu_noise_id.recording import Channel, Floats, Recording
 from imu_noise_id.reconcile.evidence import sentence
+from imu_noise_id.reconcile.prior import UnseenDrift
 from imu_noise_id.reconcile.result import (
     ADD,
     AGREES,
@@ -149,7 +150,8 @@ def _spectral_estimates(work: Work) -> list[FittedEffect]:
             errors[name] = float(np.sqrt(max(covariance[row, row], 0.0)))
             errors[name] *= float(getattr(effect_out, name))
             row += 1
-        out.append(_with_errors(effect_out, errors, work.channel.unit))
+        if not isinstance(effect, UnseenDrift):
+            out.append(_with_errors(effect_out, errors, work.channel.unit))
     return out
 
 
@@ -257,7 +259,9 @@ def _with_errors(effect: Effect, errors: dict[str, float], unit: str) -> FittedE
 def _covariance(work: Work, kept: list[FittedEffect], spectral: list[FittedEffect]) -> Floats:
     """Covariance of all numeric parameters in order, positive ones as logarithms."""
     joint = work.found.fit.covariance
-    keys: list[tuple[int, str]] = [(i, n) for i, e in enumerate(spectral) for n in e.effect.free()]
+    real = [e for e in work.found.fit.effects if not isinstance(e, UnseenDrift)]
+    joint = joint[np.ix_(*2 * [_seen_rows(work.found.fit.effects)])]
+    keys: list[tuple[int, str]] = [(i, n) for i, e in enumerate(real) for n in e.free()]
     rows: list[int | None] = []
     variances: list[float] = []
     for fitted in kept:
@@ -276,6 +280,12 @@ def _covariance(work: Work, kept: list[FittedEffect], spectral: list[FittedEffec
             if a is not None and b is not None:
                 out[i, j] = joint[a, b]
     return out
+
+
+def _seen_rows(effects: tuple[Effect, ...]) -> list[int]:
+    """Rows of the parameters that belong to the answer."""
+    owners = [e for e in effects for _ in e.free()]
+    return [row for row, e in enumerate(owners) if not isinstance(e, UnseenDrift)]
 
 
 def _course(temperature: Channel, start_ns: int) -> TemperatureCourse:

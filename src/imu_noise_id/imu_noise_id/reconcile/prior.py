@@ -7,15 +7,25 @@ A parameter whose logarithm is known with standard error s is pulled back by
 d the distance along an eigenvector of the covariance: d^2/(2 s^2) where the parameter is well
 known, |d|/(2 s^2) beyond, as the chi-square law of an estimated power has it.  A slow term whose
 level is known to a factor of two is not held by a parabola that it never had.
+
+An identified model also has drifts that its recording was too short to show.  Their room is a walk
+whose cost is what it would have lost on a record of that length at the model's own level,
+x the walk's spectrum over the model's:
+
+    pi(K) = w/2 sum_k (log(1 + x_k) - x_k/(1 + x_k)),   w = 1/2,
+
+halved because that record's own low ordinates need not have been at their mean.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from imu_noise_id.effects.base import Effect, ResponseEffect, StochasticEffect
+from imu_noise_id.effects.rate_random_walk import RateRandomWalk
 from imu_noise_id.model import ChannelModel
 from imu_noise_id.ordinates import Ordinates
 from imu_noise_id.recording import Floats
@@ -34,6 +44,40 @@ WIDEST_STD_ERROR = 3.0
 ITERATIONS = 40
 
 
+DRIFT_WEIGHT = 0.5
+DRIFT_ORDINATES = 64
+
+
+@dataclass(frozen=True)
+class UnseenDrift(RateRandomWalk):
+    """A walk within what an identified model leaves open; never part of an answer."""
+
+    name: ClassVar[str] = "unseen_drift"
+
+
+@dataclass(frozen=True)
+class DriftPrior:
+    """Room for a walk that the model's recording was too short to show.
+
+    Attributes
+    ----------
+    relative : (m,) float64
+        Spectrum of a walk of coefficient 1 over the model's, at that recording's low ordinates.
+    """
+
+    relative: Floats
+
+    def cost(self, log_coefficient: float) -> float:
+        """Nats."""
+        x = np.exp(2.0 * log_coefficient) * self.relative
+        return float(0.5 * DRIFT_WEIGHT * np.sum(np.log1p(x) - x / (1.0 + x)))
+
+    def slope(self, log_coefficient: float) -> float:
+        """Derivative by the log coefficient; twice it majorises the curvature."""
+        x = np.exp(2.0 * log_coefficient) * self.relative
+        return float(DRIFT_WEIGHT * np.sum((x / (1.0 + x)) ** 2))
+
+
 @dataclass(frozen=True)
 class Prior:
     """What the model says of the first parameters of a list of effects.
@@ -46,16 +90,21 @@ class Prior:
         Eigenvectors of the covariance, columns.
     std_error : (q,) float64
         Along the eigenvectors; infinite where the prior is dropped.
+    drift : DriftPrior or None
+        Of the parameter after those, an :class:`UnseenDrift`.
     """
 
     centre: Floats
     axes: Floats
     std_error: Floats
+    drift: DriftPrior | None = None
 
     def cost(self, theta: Floats) -> float:
         """Nats that the distance from the model costs."""
-        d = self.axes.T @ (theta[: self.centre.size] - self.centre)
-        return float(np.sum((np.sqrt(1.0 + 4.0 * d**2) - 1.0) / (4.0 * self.std_error**2)))
+        q = self.centre.size
+        d = self.axes.T @ (theta[:q] - self.centre)
+        cost = float(np.sum((np.sqrt(1.0 + 4.0 * d**2) - 1.0) / (4.0 * self.std_error**2)))
+        return cost + (self.drift.cost(float(theta[q])) if self.drift else 0.0)
 
     def slope_and_curvature(self, theta: Floats) -> tuple[Floats, Floats]:
         """Gradient (p,) of the cost and a curvature (p, p) that majorises it."""
@@ -66,6 +115,9 @@ class Prior:
         curvature = np.zeros((theta.size, theta.size))
         slope[:q] = self.axes @ (weight * d)
         curvature[:q, :q] = (self.axes * weight) @ self.axes.T
+        if self.drift:
+            slope[q] = self.drift.slope(float(theta[q]))
+            curvature[q, q] = 2.0 * slope[q]
         return slope, curvature
 
 
@@ -130,12 +182,36 @@ def prior_of(model: ChannelModel, floor_std_error: float = 0.0) -> Prior:
     return Prior(centre, axes, np.minimum(std_error, WIDEST_STD_ERROR))
 
 
+def unseen_drift(
+    model: ChannelModel, effects: tuple[Effect, ...], sample_time_s: float, floor: float
+) -> tuple[UnseenDrift, DriftPrior] | None:
+    """Room for drift under an identified model; None for a typed one, or one that has a walk.
+
+    A ramp that the model has may have been a walk: its power over the recording is room too.
+    """
+    known = model.log_covariance is not None and model.duration_s
+    if not known or not effects or model.find("rate_random_walk"):
+        return None
+    duration_s = float(model.duration_s or 0.0)
+    f = np.arange(1, DRIFT_ORDINATES + 1) / (2.0 * duration_s)
+    f = f[f < 0.25 / sample_time_s]
+    psd = spectrum_of(effects, f, sample_time_s, floor).psd
+    ramp = model.find("rate_ramp")
+    if ramp is not None:
+        # DCT-II of a ramp R t: odd ordinates of 8 R^2 T^3/(pi k)^4, the even ones alike here
+        slope = float(ramp.estimates[0].value or 0.0)
+        psd = psd + 8.0 * slope**2 * duration_s**3 / (np.pi * 2.0 * duration_s * f) ** 4
+    drift = DriftPrior(1.0 / ((2.0 * np.pi * f) ** 2 * psd))
+    start = 0.3 / float(np.sqrt(drift.relative[0]))
+    return UnseenDrift(start), drift
+
+
 def without(prior: Prior, dropped: list[int]) -> Prior:
     """The prior of the other parameters, the ``dropped`` ones being free."""
     keep = np.ones(prior.centre.size, dtype=bool)
     keep[dropped] = False
     if not keep.any():
-        return Prior(prior.centre, prior.axes, np.full(prior.centre.size, np.inf))
+        return replace(prior, std_error=np.full(prior.centre.size, np.inf))
     covariance = (prior.axes * prior.std_error**2) @ prior.axes.T
     block = np.zeros_like(covariance)
     variance, axes = np.linalg.eigh(covariance[np.ix_(keep, keep)])
@@ -143,7 +219,7 @@ def without(prior: Prior, dropped: list[int]) -> Prior:
     block[np.ix_(kept, np.arange(kept.size))] = axes
     block[free, kept.size + np.arange(free.size)] = 1.0
     std_error = np.concatenate((np.sqrt(np.maximum(variance, 1e-8)), np.full(free.size, np.inf)))
-    return Prior(prior.centre, block, std_error)
+    return replace(prior, axes=block, std_error=std_error)
 
 
 def map_fit(

@@ -16,7 +16,7 @@ from imu_noise_id.reconcile.compare import Finding, Findings, examine
 from imu_noise_id.reconcile.explain import line_columns
 from imu_noise_id.reconcile.gap import LOCAL, held_out_score, whole_score
 from imu_noise_id.reconcile.null import Null
-from imu_noise_id.reconcile.prior import Prior, prior_of, spectral
+from imu_noise_id.reconcile.prior import Prior, prior_of, spectral, unseen_drift
 from imu_noise_id.reconcile.result import HeldOut, Where
 from imu_noise_id.reconcile.state import Analysis, Column, State, analyse, course_column
 from imu_noise_id.whittle import parameter_vector
@@ -159,6 +159,9 @@ def initial_state(
         prior = Prior(parameter_vector(effects), prior.axes, prior.std_error)
     rounding = next((f.effect for f in model.effects if isinstance(f.effect, OutputRounding)), None)
     floor = rounding.added_psd(sample_time_s) if rounding else 0.0
+    drift = unseen_drift(model, effects, sample_time_s, floor)
+    if drift is not None:
+        effects, prior = (*effects, drift[0]), replace(prior, drift=drift[1])
     state = State(values, sample_time_s, start_s, temperature, effects, prior, (), floor)
     return replace(state, columns=_given_columns(model, state))
 
@@ -182,6 +185,8 @@ def _given_columns(model: ChannelModel, state: State) -> tuple[Column, ...]:
             index = [p.name for p in effect.parameters].index(size_name)
             size = float(getattr(effect, size_name))
             error = fitted.estimates[index].std_error or TYPED_SIZE_ERROR * abs(size)
+            if effect.name == "rate_ramp" and state.prior.drift is not None:
+                error = max(error, abs(size))  # one recording's ramp may be the next one's walk
             columns.append(course_column(effect, state, size_name, error, given=True))
         elif isinstance(effect, Periodic):
             columns += line_columns(_frequency_near(effect, state), state)
