@@ -18,7 +18,7 @@ from imu_noise_id.model import NoiseModel
 from imu_noise_id.model_file import bound_tree, effect_tree
 
 if TYPE_CHECKING:
-    from imu_noise_id.cca import CcaModel
+    from imu_noise_id.cca import Cca
 
 
 def plain(value: Any) -> Any:
@@ -112,9 +112,34 @@ def allan_tree(curve: AllanCurve | None) -> dict[str, Any]:
     }
 
 
-def cca_tree(cca: CcaModel) -> dict[str, Any]:
-    """Canonical correlation analysis as plain data."""
-    raise NotImplementedError(cca)
+def cca_tree(cca: Cca) -> dict[str, Any]:
+    """Canonical correlation analysis as plain data; poles and zeros are those of H(s)."""
+    empty = np.empty(0)
+    return {
+        "method": cca.method,
+        "order": cca.order,
+        "canonical_correlations": cca.canonical_correlations,
+        "chance_level": cca.chance_level,
+        "significant": cca.significant,
+        "H_z": {
+            "numerator": cca.H_z.numerator,
+            "denominator": cca.H_z.denominator,
+            "sample_time_s": cca.H_z.sample_time_s,
+        },
+        "H_s": {
+            "numerator": empty if cca.H_s is None else cca.H_s.numerator,
+            "denominator": empty if cca.H_s is None else cca.H_s.denominator,
+        },
+        "poles": cca.poles,
+        "zeros": cca.zeros,
+        "minimum_phase": cca.minimum_phase,
+        "settling_time_s": cca.settling_time_s,
+        "rise_time_s": cca.rise_time_s,
+        "bandwidth_rise_hz": cca.bandwidth_rise_hz,
+        "bandwidth_3db_hz": cca.bandwidth_3db_hz,
+        "innovation_variance": cca.innovation_variance,
+        "notes": list(cca.notes),
+    }
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from imu_noise_id.reconcile import Reconciliation
-    from imu_noise_id.recording import Recording
 
 PIPE_WIDTH = 160
 NOT_SEEN = "not seen"
@@ -145,13 +144,11 @@ def fleet_table(tree: dict[str, Any]) -> Table:
     return table
 
 
-def reconciliation_table(result: Reconciliation, recording: Recording) -> Table:
+def reconciliation_table(result: Reconciliation) -> Table:
     """Return the verdict on every channel: gap before, what was changed, gap after."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
-
-    from imu_noise_id.wording import step_sentence
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold")
     table.add_column("channel", no_wrap=True)
@@ -161,15 +158,11 @@ def reconciliation_table(result: Reconciliation, recording: Recording) -> Table:
     table.add_column("what was changed", overflow="fold")
     colours = {"agrees": "green", "explained": "cyan", "unexplained": "yellow"}
     for channel in result.channels:
-        unit = recording.channel(channel.name).unit
-        steps = [step_sentence(step.action, step.effect, unit) for step in channel.steps]
-        places = [f"{w.domain} {w.from_:.3g} to {w.to:.3g} {w.unit}" for w in channel.after.where]
-        left = f"still differs: {', '.join(places[:3])}" if places else ""
         table.add_row(
             Text(channel.name, "bold"),
             Text(channel.verdict, colours.get(channel.verdict, "")),
             f"{channel.before.score:.2f}",
             f"{channel.after.score:.2f}",
-            Text("; ".join([*steps, *([left] if left else [])])),
+            Text(", ".join(f"{step.action} {step.effect.name}" for step in channel.steps)),
         )
     return table

@@ -128,6 +128,7 @@ class _Builder:
         self.root: Node | None = None
 
     def build(self, events: Any) -> Node | None:
+        event: Any
         for event in events:
             if isinstance(event, yaml.ScalarEvent):
                 plain = event.style is None or event.style == ""

@@ -1,4 +1,4 @@
-"""``ros2 run imu_noise_id reconcile``: where recording and simulation differ, and what is missing."""
+"""``ros2 run imu_noise_id reconcile``: where recording and simulation differ, and why."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def work(options: argparse.Namespace) -> None:
     from imu_noise_id.files import write_text
     from imu_noise_id.model_file import save_model
     from imu_noise_id.reconcile import reconcile_recording, reconciliation_tree
-    from imu_noise_id.report.reconciliation import reconciliation_page
+    from imu_noise_id.report.reconciliation import channel_sentence, reconciliation_page
     from imu_noise_id.results_file import write_json
     from imu_noise_id.terminal import console, reconciliation_table
 
@@ -91,7 +91,10 @@ def work(options: argparse.Namespace) -> None:
         write_json(reconciliation_tree(result), output / "reconcile.json")
         save_model(result.model, output / "model.yaml")
         write_text(output / "report.html", reconciliation_page(recording, model, result))
-    console().print(reconciliation_table(result, recording))
+    console().print(reconciliation_table(result))
+    for channel in result.channels:
+        if channel.verdict != "agrees":
+            print(channel_sentence(channel))
     warn([*recording.notes, *result.notes])
     print(f"report: {output / 'report.html'}")
 

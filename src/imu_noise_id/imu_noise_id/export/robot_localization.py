@@ -39,8 +39,10 @@ _STATES = [
     "az",
 ]
 # the defaults of robot_localization: how the robot moves, which no still recording shows
-_MOTION = (0.05, 0.05, 0.06, 0.03, 0.03, 0.06, 0.025, 0.025, 0.04, 0.01, 0.01, 0.02, 0.01, 0.01)
-_MOTION = (*_MOTION, 0.015)
+_MOTION = (
+    *(0.05, 0.05, 0.06, 0.03, 0.03, 0.06, 0.025, 0.025, 0.04),
+    *(0.01, 0.01, 0.02, 0.01, 0.01, 0.015),
+)
 
 
 def export(model: NoiseModel, rate_hz: float) -> Exported:

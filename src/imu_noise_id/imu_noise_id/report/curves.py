@@ -42,7 +42,7 @@ def envelope(series: Series, most: int = 500) -> Envelope:
     total = np.add.reduceat(np.where(seen, series.values, 0.0), starts)
     empty = samples == 0
     mean = np.where(empty, np.nan, total / np.maximum(samples, 1.0))
-    middle = series.start_s + series.sample_time_s * (starts + 0.5 * (width - 1))
+    middle: Floats = series.start_s + series.sample_time_s * (starts + 0.5 * (width - 1))
     return Envelope(middle, np.where(empty, np.nan, low), np.where(empty, np.nan, high), mean)
 
 

@@ -18,7 +18,13 @@ from imu_noise_id.report.curves import Part, allan_parts, envelope, psd_parts
 from imu_noise_id.report.page import Figure, Page, Section, Snippet, Table, render
 from imu_noise_id.report.plot import Axis
 from imu_noise_id.report.receiver import receiver_section
-from imu_noise_id.report.transfer import transfer_figures, transfer_paragraphs, transfer_table
+from imu_noise_id.report.transfer import (
+    cca_allan,
+    transfer_figures,
+    transfer_note,
+    transfer_paragraphs,
+    transfer_table,
+)
 from imu_noise_id.spectrum import spectrum
 from imu_noise_id.terminal import half_width, interval, number
 from imu_noise_id.wording import QUANTITIES, channel_label, powers
@@ -174,6 +180,7 @@ def _overview(identification: Identification) -> Section:
         (
             "Every effect that the recording shows, with its 95 % interval. \u201cBelow\u201d "
             "means that the term was not seen, and how large it can be at most.",
+            *([transfer_note()] if any(r.cca for r in identification.channels) else []),
         ),
         tuple(drawn),
         (Table("All parameters", PARAMETER_HEADINGS, tuple(rows), (3, 4)),),
@@ -266,6 +273,9 @@ def _allan(result: ChannelResult, recording: Recording) -> Figure | None:
     effects = tuple(fitted.effect for fitted in result.model.effects)
     dt = result.series.sample_time_s
     models = [Part("model", np.sqrt(_predicted(result, recording)))] if effects else []
+    canonical = cca_allan(result)
+    if canonical is not None:
+        models.append(canonical)
     plot = figures.allan_figure(
         curve, result.channel.unit, allan_parts(effects, curve.tau_s, dt), models
     )

@@ -18,14 +18,14 @@ from imu_noise_id.report.plot import Axis, Plot
 from imu_noise_id.series import Series, to_series
 from imu_noise_id.spectrum import spectrum
 from imu_noise_id.terminal import half_width, interval, number
-from imu_noise_id.wording import channel_label, step_sentence
+from imu_noise_id.wording import channel_label
 
 BINS = 61
 
 
 def reconciliation_page(recording: Recording, model: NoiseModel, result: Reconciliation) -> str:
     """Return the report of a reconciliation as one HTML document."""
-    sections = [_overview(recording, result)]
+    sections = [_overview(result)]
     sections += [
         _channel(recording, model, result, channel)
         for channel in result.channels
@@ -33,7 +33,7 @@ def reconciliation_page(recording: Recording, model: NoiseModel, result: Reconci
     ]
     page = Page(
         f"{recording.source} against {model.source}",
-        verdict(recording, result),
+        verdict(result),
         tuple(sections),
         (
             ("recording", recording.source),
@@ -45,7 +45,7 @@ def reconciliation_page(recording: Recording, model: NoiseModel, result: Reconci
     return render(page)
 
 
-def verdict(recording: Recording, result: Reconciliation) -> str:
+def verdict(result: Reconciliation) -> str:
     """Return the answer in a few sentences."""
     if not result.channels:
         return "Nothing was compared: recording and model have no channel in common."
@@ -56,35 +56,33 @@ def verdict(recording: Recording, result: Reconciliation) -> str:
     sentences = [
         f"The model agrees with the recording on {agree} of {len(result.channels)} channels."
     ]
-    sentences += [channel_sentence(recording, channel) for channel in changed[:6]]
+    sentences += [channel_sentence(channel) for channel in changed[:6]]
     if len(changed) > 6:
         sentences.append(f"{len(changed) - 6} more are below.")
     return " ".join(sentences)
 
 
-def channel_sentence(recording: Recording, channel: ChannelReconciliation) -> str:
-    """``Accelerometer x: a line at 43 Hz ... was missing (gap 14.2 -> 1.1 on unseen data).``"""
-    label = channel_label(channel.name)
-    unit = recording.channel(channel.name).unit
-    gap = f"gap {channel.before.score:.1f} \u2192 {channel.after.score:.1f} on unseen data"
-    steps = [step_sentence(step.action, step.effect, unit) for step in channel.steps]
+def channel_sentence(channel: ChannelReconciliation) -> str:
+    """Return the evidence of each step, and what remains."""
+    said = [f"{step.evidence}." for step in channel.steps]
     if channel.verdict == "unexplained":
         places = [f"{w.domain} {w.from_:.3g} to {w.to:.3g} {w.unit}" for w in channel.after.where]
         where = f" in {', '.join(places[:3])}" if places else ""
-        steps.append(f"something remains{where} that no effect of the catalogue explains")
-    text = "; ".join(steps) or "it differs"
-    return f"{label[:1].upper()}{label[1:]}: {text} ({gap})."
+        said.append(
+            f"{channel_label(channel.name)}: something remains{where} that no effect of the "
+            "catalogue explains."
+        )
+    return " ".join(sentence[:1].upper() + sentence[1:] for sentence in said)
 
 
 def _notes(result: Reconciliation) -> tuple[str, ...]:
     return tuple(f"{c.name}: {note}" for c in result.channels for note in c.notes)
 
 
-def _overview(recording: Recording, result: Reconciliation) -> Section:
+def _overview(result: Reconciliation) -> Section:
     rows = []
     for channel in result.channels:
-        unit = recording.channel(channel.name).unit
-        steps = "; ".join(step_sentence(s.action, s.effect, unit) for s in channel.steps)
+        steps = "; ".join(f"{step.action} {step.effect.name}" for step in channel.steps)
         rows.append(
             (
                 *(channel.name, channel.verdict),
@@ -121,7 +119,7 @@ def _channel(
     label = channel_label(channel.name)
     return Section(
         f"{label[:1].upper()}{label[1:]}",
-        (channel_sentence(recording, channel), *(step.evidence for step in channel.steps)),
+        (channel_sentence(channel),),
         tuple(drawn),
         (_steps(channel), _places(channel)),
         (),
