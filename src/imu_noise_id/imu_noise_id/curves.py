@@ -6,6 +6,7 @@ import numpy as np
 
 from imu_noise_id.allan import allan_exact
 from imu_noise_id.effects.base import CourseEffect, ResponseEffect, StochasticEffect
+from imu_noise_id.effects.outliers import Outliers
 from imu_noise_id.effects.output_rounding import OutputRounding
 from imu_noise_id.model import ChannelModel
 from imu_noise_id.recording import Floats
@@ -33,7 +34,7 @@ def model_psd(model: ChannelModel, frequency_hz: Floats, sample_time_s: float) -
     for effect in effects:
         if isinstance(effect, ResponseEffect):
             psd *= effect.power_response(frequency_hz, sample_time_s)
-    return psd + _rounding_psd(model, sample_time_s)
+    return psd + _added_psd(model, sample_time_s)
 
 
 def model_allan_variance(
@@ -59,7 +60,7 @@ def model_allan_variance(
         At uniform times over the model's duration, where it has a temperature effect.
     """
     effects = [f.effect for f in model.effects]
-    total = _rounding_psd(model, sample_time_s) / tau_s
+    total = _added_psd(model, sample_time_s) / tau_s
     for effect in effects:
         if isinstance(effect, StochasticEffect):
             total = total + effect.allan_variance(tau_s, sample_time_s)
@@ -71,16 +72,19 @@ def model_allan_variance(
     return np.maximum(total, 0.0)
 
 
-def _rounding_psd(model: ChannelModel, sample_time_s: float) -> float:
-    """Level of the rounding error where it is white beside the noise, else 0."""
-    rounding, white = model.find("output_rounding"), model.find("white_noise")
-    if rounding is None or white is None:
-        return 0.0
-    assert isinstance(rounding.effect, OutputRounding)
-    level = rounding.effect.added_psd(sample_time_s)
-    (density,) = white.effect.values()
-    assert isinstance(density, float)
-    return level if level < 0.5 * density**2 else 0.0
+def _added_psd(model: ChannelModel, sample_time_s: float) -> float:
+    """White spectrum of outliers, and of rounding where it is white beside the noise."""
+    level = 0.0
+    for fitted in model.effects:
+        if isinstance(fitted.effect, Outliers):
+            level += fitted.effect.rate * fitted.effect.scale**2 * sample_time_s
+        elif isinstance(fitted.effect, OutputRounding):
+            added = fitted.effect.added_psd(sample_time_s)
+            white = model.find("white_noise")
+            density = white.effect.values()[0] if white is not None else 0.0
+            assert isinstance(density, float)
+            level += added if added < 0.5 * density**2 else 0.0
+    return level
 
 
 def _taken_away(model: ChannelModel, tau_s: Floats, sample_time_s: float) -> Floats:

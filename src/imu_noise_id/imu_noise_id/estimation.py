@@ -12,7 +12,7 @@ from imu_noise_id.ambiguity import equal_names, upper_bounds
 from imu_noise_id.contamination import Contamination, find_contamination
 from imu_noise_id.courses import Explained, explain
 from imu_noise_id.effects.periodic import Periodic
-from imu_noise_id.gaps import draw_missing, interpolate
+from imu_noise_id.gaps import draw_missing, interpolate, roughly_filled
 from imu_noise_id.intervals import estimates
 from imu_noise_id.lines import Line, find_lines, level_without_lines, without_peaks
 from imu_noise_id.model import Estimate, FittedEffect, UpperBound
@@ -23,7 +23,8 @@ from imu_noise_id.series import Series
 from imu_noise_id.whittle import Fit, spectrum_of
 
 SEED = 952
-DRAWS = 3
+SMOOTH_DRAWS = 2
+SMOOTH = tuple(kind for kind in SOURCES if kind.name != "narrow_band")
 LINE_DOF = 3.0
 
 
@@ -111,32 +112,37 @@ def _analyse_mended(
     observed = contamination.observed[:size]
     values = series.values[:size]
     heat = None if temperature is None else temperature[:size]
-    filled = values if observed.all() else interpolate(values, observed)
-    share = float(observed.mean())
-    analysis = _analyse(filled, dt, contamination.floor, series.start_s, heat, share)
+    known = (series.start_s, heat, float(observed.mean()))
     if observed.all():
-        return analysis
+        return _analyse(values, dt, contamination.floor, *known)
     rng = np.random.default_rng(SEED)
-    for _ in range(DRAWS):
-        filled = _redrawn(values, observed, filled, analysis, rng)
-        analysis = _analyse(filled, dt, contamination.floor, series.start_s, heat, share)
-    return analysis
+    filled = roughly_filled(values, observed, rng)
+    for _ in range(SMOOTH_DRAWS):
+        grid = ordinates(cosine_coefficients(filled), dt)
+        smooth = select(without_peaks(grid), contamination.floor, (), SMOOTH)
+        filled = _redrawn(values, observed, filled, smooth, 0.0, rng)
+    analysis = _analyse(filled, dt, contamination.floor, *known)
+    course = analysis.deterministic(size, dt)
+    filled = _redrawn(values, observed, filled, analysis.explained.fit, course, rng)
+    return _analyse(filled, dt, contamination.floor, *known)
 
 
 def _redrawn(
-    values: Floats, observed: Mask, filled: Floats, analysis: Analysis, rng: np.random.Generator
+    values: Floats,
+    observed: Mask,
+    filled: Floats,
+    fitted: Fit,
+    course: Floats | float,
+    rng: np.random.Generator,
 ) -> Floats:
-    """Record with its missing samples drawn from the analysis of how they were filled before."""
-    fitted = analysis.explained.fit
+    """Record with its missing samples drawn from a fit to how they were filled before."""
     dt = fitted.ordinates.sample_time_s
-    known = analysis.deterministic(values.size, dt)
 
     def psd(frequency_hz: Floats) -> Floats:
         return spectrum_of(fitted.effects, frequency_hz, dt, fitted.floor).psd
 
-    noise = interpolate(filled - known, observed)
-    drawn = known + draw_missing(noise, observed, dt, psd, rng)
-    return np.where(observed, values, drawn)
+    noise = interpolate(filled - course, observed)
+    return np.where(observed, values, course + draw_missing(noise, observed, dt, psd, rng))
 
 
 def _analyse(
@@ -150,8 +156,7 @@ def _analyse(
     """Take a complete record apart; ``share`` of its samples were seen."""
     coefficients = cosine_coefficients(values)
     grid = ordinates(coefficients, sample_time_s)
-    smooth = tuple(kind for kind in SOURCES if kind.name != "narrow_band")
-    base = select(without_peaks(grid), floor, (), smooth)
+    base = select(without_peaks(grid), floor, (), SMOOTH)
     level = level_without_lines(grid, base.spectrum.psd)
     lines, wide = find_lines(coefficients, grid, level)
     if lines:

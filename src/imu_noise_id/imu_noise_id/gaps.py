@@ -26,8 +26,17 @@ TOLERANCE = 1e-4
 Psd = Callable[[Floats], Floats]
 
 
+def roughly_filled(values: Floats, observed: Mask, rng: np.random.Generator) -> Floats:
+    """Straight lines and white noise as loud as neighbours differ: where a fit can start."""
+    both = observed[1:] & observed[:-1]
+    step = np.diff(values)[both]
+    sigma = 1.4826 * float(np.median(np.abs(step))) / np.sqrt(2.0) if step.size else 0.0
+    noise = np.where(observed, 0.0, sigma * rng.standard_normal(values.size))
+    return interpolate(values, observed) + noise
+
+
 def interpolate(values: Floats, observed: Mask) -> Floats:
-    """Fill the missing samples by straight lines: where a fit can start."""
+    """Fill the missing samples by straight lines between their neighbours."""
     index = np.flatnonzero(observed)
     filled = values.copy()
     missing = np.flatnonzero(~observed)
