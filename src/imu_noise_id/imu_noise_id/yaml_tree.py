@@ -128,25 +128,23 @@ class _Builder:
         self.root: Node | None = None
 
     def build(self, events: Any) -> Node | None:
-        event: Any
         for event in events:
+            line = event.start_mark.line + 1
             if isinstance(event, yaml.ScalarEvent):
-                plain = event.style is None or event.style == ""
-                self.add(Node(event.value, plain, self.path, event.start_mark.line + 1))
+                self.add(Node(event.value, event.style in (None, ""), self.path, line))
             elif isinstance(event, yaml.CollectionStartEvent):
-                self.enter(event)
+                self.enter(event, line)
             elif isinstance(event, yaml.CollectionEndEvent):
                 self.open.pop()
             elif isinstance(event, yaml.AliasEvent):
-                line = event.start_mark.line + 1
                 raise InputError(f"{self.path}, line {line}: aliases are not read: repeat the text")
             elif isinstance(event, yaml.DocumentStartEvent) and self.root is not None:
                 break
         return self.root
 
-    def enter(self, event: Any) -> None:
+    def enter(self, event: yaml.CollectionStartEvent, line: int) -> None:
         empty: Any = {} if isinstance(event, yaml.MappingStartEvent) else []
-        node = Node(empty, False, self.path, event.start_mark.line + 1)
+        node = Node(empty, False, self.path, line)
         self.add(node)
         self.open.append((node, []))
         if len(self.open) > LARGEST_DEPTH:

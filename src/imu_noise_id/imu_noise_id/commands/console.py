@@ -40,7 +40,6 @@ def run(
     arguments: list[str] | None,
 ) -> int:
     """Parse, work, and turn what a user can cause into one line on stderr and exit 2."""
-    _complete(parser)
     try:
         status = work(parser.parse_args(arguments)) or 0
         sys.stdout.flush()
@@ -58,15 +57,6 @@ def run(
     else:
         return status
     return 0
-
-
-def _complete(parser: argparse.ArgumentParser) -> None:
-    """Shell completion where argcomplete is installed and asks."""
-    if "_ARGCOMPLETE" in os.environ:
-        with contextlib.suppress(ImportError):
-            import argcomplete
-
-            argcomplete.autocomplete(parser)
 
 
 def positive(text: str) -> float:

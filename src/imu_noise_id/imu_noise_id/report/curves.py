@@ -34,7 +34,7 @@ def envelope(series: Series, most: int = 500) -> Envelope:
     n = series.values.size
     width = max(1, -(-n // most))
     count = -(-n // width)
-    starts = np.arange(count) * width
+    starts = np.arange(count, dtype=np.int64) * width
     seen = series.observed
     low = np.minimum.reduceat(np.where(seen, series.values, np.inf), starts)
     high = np.maximum.reduceat(np.where(seen, series.values, -np.inf), starts)
@@ -42,7 +42,7 @@ def envelope(series: Series, most: int = 500) -> Envelope:
     total = np.add.reduceat(np.where(seen, series.values, 0.0), starts)
     empty = samples == 0
     mean = np.where(empty, np.nan, total / np.maximum(samples, 1.0))
-    middle: Floats = series.start_s + series.sample_time_s * (starts + 0.5 * (width - 1))
+    middle = series.start_s + series.sample_time_s * (starts + 0.5 * (width - 1)).astype(float)
     return Envelope(middle, np.where(empty, np.nan, low), np.where(empty, np.nan, high), mean)
 
 

@@ -192,7 +192,7 @@ def _temperature(recording: Recording) -> list[Figure]:
     if channel is None or channel.values.size < 2:
         return []
     step = max(1, channel.values.size // 500)
-    time_s = (channel.stamp_ns[::step] - recording.start_ns) * 1e-9
+    time_s = (channel.stamp_ns[::step] - recording.start_ns).astype(np.float64) * 1e-9
     plot = figures.lines_figure(
         [("temperature", time_s, channel.values[::step])],
         Axis("time (s)"),
@@ -208,7 +208,7 @@ PARAMETER_HEADINGS = (
 
 def parameter_rows(model: ChannelModel, named: bool) -> list[tuple[str, ...]]:
     """Rows of the parameter table; the channel only in its first row, or not at all."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     channel, effect = (model.name if named else ""), ""
     for fitted in model.effects:
         effect = fitted.name

@@ -211,7 +211,7 @@ def _amplitude(series: Series, model: ChannelModel) -> Plot:
     edges = np.linspace(-6.0, 6.0, BINS) * sigma
     counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
     middle = 0.5 * (edges[1:] + edges[:-1])
-    frequency_hz = (np.arange(4096) + 0.5) / (8192.0 * series.sample_time_s)
+    frequency_hz = np.linspace(1.0, 4096.0, 4096) / (8192.0 * series.sample_time_s)
     psd = model_psd(model, frequency_hz, series.sample_time_s)
     expected_sigma = float(np.sqrt(np.mean(psd) / series.sample_time_s))
     width = edges[1] - edges[0]

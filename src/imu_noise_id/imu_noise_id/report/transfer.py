@@ -146,9 +146,7 @@ def transfer_table(result: ChannelResult) -> list[Table]:
         ("H(z) denominator", _coefficients(cca.H_z.denominator), "powers of 1/z"),
     ]
     if cca.H_s is not None:
-        rows.append(
-            ("H(s) numerator", _coefficients(cca.H_s.numerator), "powers of s, highest first")
-        )
+        rows.append(("H(s) numerator", _coefficients(cca.H_s.numerator), "powers of s"))
         rows.append(("H(s) denominator", _coefficients(cca.H_s.denominator), "powers of s"))
     rows += [
         ("settling time", number(cca.settling_time_s), "s, to 2 %"),
