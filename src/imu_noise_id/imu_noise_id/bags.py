@@ -28,7 +28,14 @@ from imu_noise_id.cdr import LAYOUTS, Bytes, Decoded, decode, decode_batch
 from imu_noise_id.columns import ColumnBuffer, TopicColumns
 from imu_noise_id.definitions import is_standard
 from imu_noise_id.errors import InputError
-from imu_noise_id.mcap_file import LATEST_NS, ChannelMessages, DamagedError, McapFile, Span
+from imu_noise_id.mcap_file import (
+    LATEST_NS,
+    ChannelMessages,
+    DamagedError,
+    McapFile,
+    Span,
+    one_line,
+)
 from imu_noise_id.recording import Recording, Stamps
 from imu_noise_id.topics import TopicInfo, TopicNames, choose_topics, listing
 
@@ -295,8 +302,10 @@ class SqliteSource:
                     buffers[topic.name].append(
                         decoded, np.clip(np.array(times, np.int64), 0, LATEST_NS)
                     )
-        except sqlite3.Error as error:
-            return [f"{self.label}: damaged ({error}); what is whole before it is read"]
+        except sqlite_file.ERRORS as error:
+            return [
+                f"{self.label}: damaged ({one_line(str(error))}); what is whole before it is read"
+            ]
         return []
 
 
@@ -315,8 +324,10 @@ def _open_source(path: Path, label: str, compression: str, stack: ExitStack) -> 
             database = stack.enter_context(sqlite_file.open_sqlite(path))
             source = SqliteSource(label, database, compression)
             source.topics()
-        except sqlite3.Error as error:
-            raise InputError(f"{label}: not readable as a rosbag2 database ({error})") from error
+        except sqlite_file.ERRORS as error:
+            raise InputError(
+                f"{label}: not readable as a rosbag2 database ({one_line(str(error))})"
+            ) from error
         return source
     try:
         found = mcap_file.scan(file, label)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 
 from imu_noise_id import cdr
 
@@ -55,6 +56,7 @@ def full_name(name: str, package: str = "") -> str:
     return "/".join((parts[0], "msg", parts[-1])) if len(parts) > 1 else name
 
 
+@lru_cache(maxsize=64)
 def is_standard(msgtype: str, text: str) -> bool:
     """Whether a ``ros2msg`` definition lays a message out as the standard one does.
 

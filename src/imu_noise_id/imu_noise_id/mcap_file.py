@@ -101,11 +101,11 @@ class McapFile:
         """Take a Schema or Channel record; the first of an id holds."""
         reader = _Fields(body)
         if opcode == _SCHEMA:
-            schema_id, name, encoding = reader.u16(), reader.text(), reader.text()
+            schema_id, name, encoding = reader.u16(), reader.name(), reader.name()
             self.schemas.setdefault(schema_id, SchemaRecord(name, encoding, reader.text()))
         else:
             channel_id, schema_id = reader.u16(), reader.u16()
-            record = ChannelRecord(reader.text(), schema_id, reader.text())
+            record = ChannelRecord(reader.name(), schema_id, reader.name())
             if self.channels.setdefault(channel_id, record) != record:
                 raise DamagedError(f"channel {channel_id} is defined twice")
 
@@ -117,6 +117,11 @@ class ChannelMessages:
     log_ns: Stamps
     start: Positions
     size: Positions
+
+
+def one_line(text: str) -> str:
+    """A name from a file with what cannot be printed marked, so that it fits into a message."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else "\ufffd" for c in text)
 
 
 class _Fields:
@@ -143,6 +148,9 @@ class _Fields:
 
     def text(self) -> str:
         return self._take(self.u32()).decode(errors="replace")
+
+    def name(self) -> str:
+        return one_line(self.text())
 
     @property
     def at(self) -> int:
@@ -225,7 +233,7 @@ def _chunk_span(window: _Window, body: int, size: int) -> Span:
     head = _Fields(window.read(body, min(size, 64)))
     head.u64()
     end_ns, unpacked, crc = head.u64(), head.u64(), head.u32()
-    compression, packed = head.text(), head.u64()
+    compression, packed = head.name(), head.u64()
     if packed > size - head.at:
         raise DamagedError("has a chunk longer than its record")
     return Span(body + head.at, packed, unpacked, compression, crc, end_ns)

@@ -9,8 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
+from imu_noise_id.mcap_file import one_line
+
 _BATCH = 20_000
 _TABLES = ("topics", "messages")
+ERRORS = (sqlite3.Error, UnicodeDecodeError)
+"""What reading a damaged database raises; the second where its error message is damaged too."""
 
 
 @dataclass(frozen=True)
@@ -31,10 +35,11 @@ def open_sqlite(path: Path) -> Iterator[sqlite3.Connection]:
 
     Raises
     ------
-    sqlite3.Error
+    sqlite3.Error, UnicodeDecodeError
         When it is no database, or none of rosbag2.
     """
     with closing(sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True)) as database:
+        database.text_factory = lambda text: text.decode(errors="replace")
         database.execute("PRAGMA trusted_schema=OFF")
         database.execute("PRAGMA cell_size_check=ON")
         tables = database.execute(
@@ -60,10 +65,16 @@ def topics(database: sqlite3.Connection) -> list[SqliteTopic]:
     rows = database.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id")
     return [
         SqliteTopic(
-            row[0], row[1], row[2], row[3], definitions.get(row[2], ""), counts.get(row[0], 0)
+            topic_id,
+            one_line(name),
+            one_line(kind),
+            one_line(serialization),
+            definitions.get(kind, ""),
+            counts.get(topic_id, 0),
         )
-        for row in rows
-        if isinstance(row[0], int) and all(isinstance(text, str) for text in row[1:])
+        for topic_id, name, kind, serialization in rows
+        if isinstance(topic_id, int)
+        and all(isinstance(t, str) for t in (name, kind, serialization))
     ]
 
 

@@ -257,7 +257,7 @@ def test_a_topic_of_the_wrong_type(tmp_path, topics):
 
 def test_another_definition_is_told(tmp_path, rng):
     topic = make.still_imu(rng, 10)
-    text, digest = STORE.generate_msgdef(cdr.IMU)[0], STORE.hash_rihs01(cdr.IMU)
+    text, digest = STORE.generate_msgdef(cdr.IMU, ros_version=2)[0], STORE.hash_rihs01(cdr.IMU)
     text = "uint8 mode\n" + text
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         link = writer.add_connection("/imu", cdr.IMU, msgdef=text, rihs01=digest)

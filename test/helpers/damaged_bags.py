@@ -1,0 +1,209 @@
+"""Small bags, ways to damage them, and what reading a damaged one may do.
+
+Shared by the seeded subset in ``test/faults`` and the campaign in ``study``.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from helpers import bag_making as make
+from imu_noise_id.bag_writer import write_bag
+from imu_noise_id.bags import read_recording
+from imu_noise_id.errors import InputError
+from imu_noise_id.recording import Recording
+from imu_noise_id.series import to_series
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as BagWriter
+from rosbags.typesys import Stores, get_typestore
+
+COUNT = 40
+EXTREMES = (0, 1, 8, 2**16, 2**31 - 1, 2**32 - 1, 2**40, 2**63 - 1, 2**63, 2**64 - 1)
+
+Bytes = bytearray
+Damage = Callable[[Bytes, list[int], np.random.Generator], Bytes]
+
+
+def some_topics(rng: np.random.Generator, every: bool = True) -> list[make.TopicBytes]:
+    """Return a few messages of every kind, or of an Imu and of fixes only."""
+    slow = make.uniform(COUNT // 4, 25.0)
+    llh = rng.normal((45.0, 7.0, 200.0), (1e-6, 1e-6, 0.3), (slow.size, 3))
+    if not every:
+        return [make.still_imu(rng, COUNT, 100.0), make.fixes(slow, llh)]
+    return [
+        make.still_imu(rng, COUNT, 100.0),
+        make.field(slow, rng.normal((2e-5, 0.0, -4e-5), 1e-7, (slow.size, 3))),
+        make.fixes(slow, llh),
+        make.velocities(slow, rng.normal(0, 0.05, llh.shape)),
+        make.temperatures(slow, rng.normal(25, 0.1, slow.size)),
+    ]
+
+
+def mcap_bytes(
+    compression: CompressionType, crcs: bool, chunked: bool = True, every: bool = False
+) -> bytes:
+    """Return an MCAP file of `some_topics`, definitions embedded."""
+    topics = some_topics(np.random.default_rng(1), every)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    file = io.BytesIO()
+    writer = Writer(
+        file,
+        chunk_size=4000,
+        compression=compression,
+        enable_crcs=crcs,
+        use_chunking=chunked,
+    )
+    writer.start(profile="ros2")
+    messages = []
+    for topic in topics:
+        text = store.generate_msgdef(topic.type, ros_version=2)[0].encode()
+        schema = writer.register_schema(topic.type, "ros2msg", text)
+        channel = writer.register_channel(topic.topic, "cdr", schema)
+        rows = zip(topic.log_ns.tolist(), topic.messages, strict=True)
+        messages += [(time, channel, row.tobytes()) for time, row in rows]
+    for time, channel, row in sorted(messages):
+        writer.add_message(channel, time, row, time)
+    writer.finish()
+    return file.getvalue()
+
+
+def sqlite_bytes(folder: Path) -> bytes:
+    """Return a rosbag2 database of `some_topics`."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    path = folder / "database"
+    with BagWriter(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        for topic in some_topics(np.random.default_rng(1), every=False):
+            link = writer.add_connection(topic.topic, topic.type, typestore=store)
+            for time, row in zip(topic.log_ns.tolist(), topic.messages, strict=True):
+                writer.write(link, time, row.tobytes())
+    return (path / "database.db3").read_bytes()
+
+
+def folder_bag(folder: Path) -> Path:
+    """Write a rosbag2 folder of `some_topics`."""
+    write_bag(folder / "bag", some_topics(np.random.default_rng(1)))
+    return folder / "bag"
+
+
+def record_heads(data: bytes) -> list[int]:
+    """Return the position of every record, those inside uncompressed chunks included."""
+
+    def walk(at: int, end: int) -> Iterator[int]:
+        while at + 9 <= end:
+            opcode, size = struct.unpack_from("<BQ", data, at)
+            yield at
+            if opcode == 0x06:
+                name = struct.unpack_from("<I", data, at + 9 + 28)[0]
+                if name == 0:
+                    yield from walk(at + 9 + 28 + 4 + 8, at + 9 + size)
+            at += 9 + size
+
+    return list(walk(8, len(data) - 8))
+
+
+def flip_head(data: Bytes, heads: list[int], rng: np.random.Generator) -> Bytes:
+    """Change one byte of a record's opcode, length or first members."""
+    data[int(rng.choice(heads)) + int(rng.integers(40)) % (len(data) - heads[-1])] ^= int(
+        rng.integers(1, 256)
+    )
+    return data
+
+
+def flip_anywhere(data: Bytes, heads: list[int], rng: np.random.Generator) -> Bytes:
+    """Change up to eight bytes."""
+    for at in rng.integers(0, len(data), int(rng.integers(1, 9))).tolist():
+        data[at] ^= int(rng.integers(1, 256))
+    return data
+
+
+def put_extreme(data: Bytes, heads: list[int], rng: np.random.Generator) -> Bytes:
+    """Overwrite a number behind a record's head by one that a careless reader believes."""
+    size = int(rng.choice([2, 4, 8]))
+    at = int(rng.choice(heads)) + int(rng.integers(1, 60))
+    at = min(at, len(data) - size)
+    value = int(rng.choice(np.array(EXTREMES, dtype=np.uint64))) % 256**size
+    data[at : at + size] = value.to_bytes(size, "little")
+    return data
+
+
+def cut(data: Bytes, heads: list[int], rng: np.random.Generator) -> Bytes:
+    """Cut the file short."""
+    return data[: int(rng.integers(len(data)))]
+
+
+def splice(data: Bytes, heads: list[int], rng: np.random.Generator) -> Bytes:
+    """Copy, move or drop a piece, often from record to record."""
+    source, target = sorted(int(x) for x in rng.choice(heads, 2))
+    length = int(rng.integers(1, 2000))
+    piece = data[source : source + length]
+    kind = int(rng.integers(3))
+    if kind == 0:
+        return data[:target] + piece + data[target:]
+    if kind == 1:
+        data[target : target + len(piece)] = piece
+        return data
+    return data[:source] + data[target:]
+
+
+DAMAGES: tuple[Damage, ...] = (flip_head, flip_anywhere, put_extreme, cut, splice)
+
+
+def tiny_mcap() -> bytes:
+    """Return an MCAP file small enough to be damaged in every place."""
+    imu = make.still_imu(np.random.default_rng(1), 6, 100.0)
+    file = io.BytesIO()
+    writer = Writer(file, chunk_size=1000, compression=CompressionType.NONE, enable_crcs=False)
+    writer.start(profile="ros2")
+    schema = writer.register_schema(imu.type, "ros2msg", b"")
+    channel = writer.register_channel(imu.topic, "cdr", schema)
+    for time, row in zip(imu.log_ns.tolist(), imu.messages, strict=True):
+        writer.add_message(channel, time, row.tobytes(), time)
+    writer.finish()
+    return file.getvalue()
+
+
+def every_prefix(data: bytes, step: int = 1) -> Iterator[bytes]:
+    """Yield a file cut at every byte."""
+    return (data[:end] for end in range(0, len(data), step))
+
+
+def every_head_flip(data: bytes, flips: range) -> Iterator[bytes]:
+    """Yield a file with each byte of each record head changed in each of the ways."""
+    for at in (head + k for head in record_heads(data) for k in range(9)):
+        for flip in flips:
+            yield data[:at] + bytes([data[at] ^ flip]) + data[at + 1 :]
+
+
+def read_or_refuse(path: Path) -> str:
+    """Read a bag; return ``read`` or ``refused``, raise AssertionError for anything else."""
+    try:
+        recording = read_recording(path, threads=1)
+    except InputError as error:
+        line = str(error)
+    else:
+        check(recording)
+        return "read"
+    assert "\n" not in line, line
+    assert str(path) in line, line
+    return "refused"
+
+
+def check(recording: Recording) -> None:
+    """Assert that a recording is sound, whatever it was read from."""
+    assert recording.channels
+    for k, channel in enumerate(recording.channels):
+        count = channel.values.size
+        assert count >= 2
+        assert channel.stamp_ns.shape == channel.still.shape == (count,)
+        assert (np.diff(channel.stamp_ns) > 0).all()
+        assert np.isfinite(channel.values).all()
+        assert np.isfinite(channel.rate_hz)
+        assert channel.rate_hz > 0
+        if channel.still.any() and k % 3 == 0:
+            assert to_series(channel, recording.start_ns).values.size < 5_000_000
+    assert all("\n" not in note for note in recording.notes)
