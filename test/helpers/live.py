@@ -20,6 +20,7 @@ from imu_noise_id.bag_writer import TopicBytes, write_bag
 
 LATCHED = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PATIENCE_S = 60.0
+ASK_AGAIN_S = 15.0
 
 
 class Program:
@@ -87,10 +88,19 @@ class Listener:
         """Call a service and return its answer."""
         client = self.node.create_client(kind, name)
         self.until(client.service_is_ready, name)
-        future = client.call_async(request)
-        self.until(future.done, f"an answer of {name}")
+        asked = [client.call_async(request)]
+
+        def answered() -> list[Any]:
+            # a server that was killed is still listed for a while: what it was sent is lost
+            if time.monotonic() > again_s[-1]:
+                again_s.append(time.monotonic() + ASK_AGAIN_S)
+                asked.append(client.call_async(request))
+            return [future for future in asked if future.done()]
+
+        again_s = [time.monotonic() + ASK_AGAIN_S]
+        done = self.until(answered, f"an answer of {name}")
         self.node.destroy_client(client)
-        return future.result()
+        return done[0].result()
 
 
 

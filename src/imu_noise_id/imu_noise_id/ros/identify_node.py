@@ -25,7 +25,7 @@ from imu_noise_id.ros.diagnostics import array, status
 from imu_noise_id.ros.messages import allan_messages, model_message
 from imu_noise_id.ros.parameters import Setting, declare, refuse_non_finite, value
 from imu_noise_id.ros.runtime import run_node as spin_node
-from imu_noise_id.ros.stream import Stream, open_stream
+from imu_noise_id.ros.stream import Stream
 from imu_noise_id.ros.worker import Answer, Job, Worker, work
 from imu_noise_id.topics import DEFAULTS
 
@@ -96,7 +96,7 @@ class IdentifyNode(Node):
     def _open_streams(self) -> dict[str, Stream]:
         depth = value(self, "queue_depth")
         topics = {kind: str(value(self, f"{kind}_topic")) for kind in DEFAULTS}
-        return {k: open_stream(self, k, topic, depth) for k, topic in topics.items() if topic}
+        return {k: Stream(self, k, topic, depth) for k, topic in topics.items() if topic}
 
     def _buffer(self, stream: Stream) -> RollingColumns:
         receiver = stream.receiver

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-import numpy as np
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from imu_noise_id.recording import Stamps
 from imu_noise_id.ros.runtime import message_class
 
 _RELIABLE, _BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
 
 
 class Receiver:
-    """Serialised messages of one topic and the time of their reception.
+    """Hands on the serialised messages of one topic as they come.
 
     It asks for reliable delivery, and for best effort while a publisher offers no more.  Where
     several types will do it takes the one that is published.
@@ -36,24 +33,24 @@ class Receiver:
         Of a type that will do.
     """
 
-    def __init__(self, node: Node, topic: str, types: Sequence[str], depth: int) -> None:
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        types: Sequence[str],
+        depth: int,
+        deliver: Callable[[bytes], None],
+    ) -> None:
         self._node = node
+        self._deliver = deliver
         self._types = tuple(types)
         self._depth = depth
         self._reliability = _RELIABLE
-        self._data: list[bytes] = []
-        self._log_ns: list[int] = []
         self.type = types[0]
         self.complaints: tuple[str, ...] = ()
         self.publishers = 0
         self._subscription = self._subscribe(topic)
         self.topic = self._subscription.topic_name
-
-    def take(self) -> tuple[list[bytes], Stamps]:
-        """What has come since the last call, and when."""
-        data, log_ns = self._data, self._log_ns
-        self._data, self._log_ns = [], []
-        return data, np.array(log_ns, np.int64)
 
     def look(self) -> bool:
         """Look at the publishers, subscribe anew where they ask for it; say if the type changed."""
@@ -86,12 +83,8 @@ class Receiver:
         events = SubscriptionEventCallbacks(use_default_callbacks=False)
         kind = message_class(self.type)
         return self._node.create_subscription(
-            kind, topic, self._on_message, qos, event_callbacks=events, raw=True
+            kind, topic, self._deliver, qos, event_callbacks=events, raw=True
         )
-
-    def _on_message(self, data: bytes) -> None:
-        self._data.append(data)
-        self._log_ns.append(time.time_ns())
 
 
 def _node_of(endpoint: object) -> str:

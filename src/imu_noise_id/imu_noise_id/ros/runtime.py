@@ -7,10 +7,12 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from types import FrameType
-from typing import Any, Protocol
+from typing import Any
 
 import rclpy
+from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -18,13 +20,7 @@ from imu_noise_id.errors import InputError
 
 _WAKE_S = 0.05
 BAD_INPUT = 2
-
-
-class Closable(Protocol):
-    """A node that has something to put away before it is destroyed."""
-
-    def close(self) -> None:
-        """Stop what was started."""
+BAD_ARGUMENTS = (rclpy_implementation.RCLInvalidROSArgsError, rclpy_implementation.UnknownROSArgsError)
 
 
 def make_executor() -> Executor:
@@ -76,12 +72,12 @@ def run_node(make: Callable[[], Node], argv: Sequence[str] | None = None) -> int
     argv : sequence of str, optional
         ``--ros-args ...``; the process's own where None.
     """
-    rclpy.init(args=list(argv or []), signal_handler_options=SignalHandlerOptions.NO)
-    stop = Stop()
     try:
+        rclpy.init(args=list(argv or []), signal_handler_options=SignalHandlerOptions.NO)
+        stop = Stop()
         node = make()
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
+    except (InputError, ParameterException, *BAD_ARGUMENTS) as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         rclpy.try_shutdown()
         return BAD_INPUT
     executor = make_executor()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable, Sequence
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
@@ -15,22 +17,53 @@ from imu_noise_id.topics import TYPES
 from imu_noise_id.watch import StreamWatch
 
 
-@dataclass
 class Stream:
-    """A receiver with the watch over what it receives."""
+    """A receiver with the watch over what it receives.
 
-    receiver: Receiver
-    watch: StreamWatch = field(default_factory=StreamWatch)
-    diagnosis: StreamDiagnosis = field(default_factory=StreamDiagnosis)
+    Parameters
+    ----------
+    node : Node
+    kind : str
+        Of sensor, a key of `topics.TYPES`.
+    topic : str
+    depth : int
+        Messages that may wait.
+    deliver : callable, optional
+        Takes each message as it comes; without it they wait for `take`.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        kind: str,
+        topic: str,
+        depth: int,
+        deliver: Callable[[bytes], None] | None = None,
+    ) -> None:
+        self._data: list[bytes] = []
+        self._log_ns: list[int] = []
+        self.receiver = Receiver(node, topic, TYPES[kind], depth, deliver or self._keep)
+        self.reset()
+
+    def reset(self) -> None:
+        """Count from zero."""
+        self.watch = StreamWatch()
+        self.diagnosis = StreamDiagnosis()
 
     def take(self) -> tuple[Decoded, Stamps] | None:
         """What has come since the last call, decoded, and when; None where nothing has."""
-        data, log_ns = self.receiver.take()
+        data, log_ns = self._data, self._log_ns
         if not data:
             return None
+        self._data, self._log_ns = [], []
+        return self.decode(data, log_ns)
+
+    def decode(self, data: Sequence[bytes], log_ns: Sequence[int]) -> tuple[Decoded, Stamps]:
+        """Decode messages and count what is wrong with them."""
         decoded = decode_batch(self.receiver.type, data)
-        self.watch.feed(decoded, log_ns)
-        return decoded, log_ns
+        times = np.array(log_ns, np.int64)
+        self.watch.feed(decoded, times)
+        return decoded, times
 
     def status(self, owner: str, now_ns: int) -> DiagnosticStatus:
         """Diagnostics of this topic."""
@@ -38,12 +71,6 @@ class Stream:
         name = f"{owner}: {receiver.topic}"
         return self.diagnosis.status(name, self.watch, receiver.complaints, now_ns)
 
-    def reset(self) -> None:
-        """Count from zero."""
-        self.watch = StreamWatch()
-        self.diagnosis = StreamDiagnosis()
-
-
-def open_stream(node: Node, kind: str, topic: str, depth: int) -> Stream:
-    """Subscribe to the topic of a kind of sensor."""
-    return Stream(Receiver(node, topic, TYPES[kind], depth))
+    def _keep(self, data: bytes) -> None:
+        self._data.append(data)
+        self._log_ns.append(time.time_ns())

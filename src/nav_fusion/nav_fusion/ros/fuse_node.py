@@ -1,0 +1,252 @@
+"""``fuse`` live: IMU and receiver in, odometry with a covariance out."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Odometry
+from noise_msgs.msg import FilterStatus, NoiseModel
+from noise_msgs.srv import Reset
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import NavSatFix
+
+from imu_noise_id.cdr import Decoded
+from imu_noise_id.errors import InputError
+from imu_noise_id.model_file import load_model
+from imu_noise_id.ros.diagnostics import array, status
+from imu_noise_id.ros.messages import to_model, to_time
+from imu_noise_id.ros.parameters import declare, refuse_non_finite
+from imu_noise_id.ros.runtime import run_node as spin_node
+from imu_noise_id.ros.stream import Stream
+from nav_fusion.engine import Engine, Rows
+from nav_fusion.feeding import feed
+from nav_fusion.noise import NavigationNoise, TurnOn, from_model, mems_defaults
+from nav_fusion.published import (
+    FIX_TOPIC,
+    ODOMETRY_TOPIC,
+    fix_messages,
+    odometry_messages,
+)
+from nav_fusion.ros.settings import AIDS, SETTINGS, filter_parameters
+from nav_fusion.ros.status import filter_status
+from nav_fusion.ros.transform import transform_sender
+from nav_fusion.solution import solve
+
+_DRAIN_S = 0.02
+_STAMP = struct.Struct("<iI")
+_ENCAPSULATION = 4
+_LATENCIES = 1000
+
+
+class FuseNode(Node):
+    """Receives in order of arrival, feeds the engine, publishes what became due."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("fuse", **options)
+        declare(self, SETTINGS)
+        self.add_on_set_parameters_callback(refuse_non_finite)
+        self._values = {s.name: self.get_parameter(s.name).value for s in SETTINGS}
+        self._parameters = filter_parameters(self._values)
+        self._period_ns = round(1e9 / self._parameters.publish_rate_hz)
+        self._turn_on = TurnOn(
+            self._parameters.gyro_turn_on_rad_s, self._parameters.accel_turn_on_m_s2
+        )
+        self._noise = self._noise_of_file()
+        self._engine: Engine | None = None
+        self._inbox: list[tuple[str, bytes, int]] = []
+        self._slot = -1
+        self._newest_ns = 0
+        self._begun_s = time.monotonic()
+        self._latencies: deque[float] = deque(maxlen=_LATENCIES)
+        self._latest_s = 0.0
+        self._updates = ""
+        self._odometry = self.create_publisher(Odometry, ODOMETRY_TOPIC, 100)
+        self._fixes = self.create_publisher(NavSatFix, FIX_TOPIC, 100)
+        self._status = self.create_publisher(FilterStatus, "~/status", 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._send_transforms = transform_sender(
+            self, self._values["publish_tf"], self._values["world_frame"], self._values["body_frame"]
+        )
+        self._streams = self._open_streams()
+        self._listen_for_model()
+        self.create_service(Reset, "~/reset", self._on_reset)
+        self.create_timer(_DRAIN_S, self._drain)
+        self.create_timer(1.0, self._tell)
+
+    # ------------------------------------------------------------------ what comes in
+
+    def _open_streams(self) -> dict[str, Stream]:
+        depth = self._values["queue_depth"]
+        topics = {kind: str(self._values[f"{kind}_topic"]) for kind in ("imu", *AIDS)}
+        return {
+            kind: Stream(self, kind, topic, depth, self._sink(kind))
+            for kind, topic in topics.items()
+            if topic
+        }
+
+    def _sink(self, kind: str) -> Callable[[bytes], None]:
+        return self._on_imu if kind == "imu" else lambda data: self._keep(kind, data)
+
+    def _keep(self, kind: str, data: bytes) -> None:
+        self._inbox.append((kind, data, time.time_ns()))
+
+    def _on_imu(self, data: bytes) -> None:
+        """Keep a sample; the first in a new period of publishing is what a row waits for."""
+        self._keep("imu", data)
+        if len(data) < _ENCAPSULATION + _STAMP.size:
+            return
+        seconds, nanoseconds = _STAMP.unpack_from(data, _ENCAPSULATION)
+        self._newest_ns = seconds * 1_000_000_000 + nanoseconds
+        slot = self._newest_ns // self._period_ns
+        if slot != self._slot:
+            self._slot = slot
+            self._drain()
+
+    def _noise_of_file(self) -> NavigationNoise | None:
+        path = self._values["model_file"]
+        return from_model(load_model(path), self._turn_on) if path else None
+
+    def _listen_for_model(self) -> None:
+        if self._noise is None and self._values["model_topic"]:
+            latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+            self.create_subscription(
+                NoiseModel, self._values["model_topic"], self._on_model, latched
+            )
+
+    def _on_model(self, message: NoiseModel) -> None:
+        """Take the newest model; a filter that runs keeps the one it began with."""
+        try:
+            self._noise = from_model(to_model(message), self._turn_on)
+        except (ValueError, InputError) as error:
+            self.get_logger().warning(f"{self._values['model_topic']}: not used: {error}")
+
+    # ------------------------------------------------------------------ what goes out
+
+    def _drain(self) -> None:
+        """Feed everything that has come, in order of arrival, and publish what became due."""
+        if not self._inbox or not self._begin():
+            return
+        inbox, self._inbox = self._inbox, []
+        aided = False
+        for kind, group in groupby(inbox, key=lambda item: item[0]):
+            items = list(group)
+            log_ns = [item[2] for item in items]
+            decoded, _ = self._streams[kind].decode([item[1] for item in items], log_ns)
+            rows = self._feed(kind, decoded)
+            if kind != "imu":
+                aided = True
+                self._updates = self._streams[kind].receiver.topic
+            if rows.stamp_ns.size:
+                self._publish(rows)
+                self._count_latency(log_ns[-1])
+        if aided:
+            self._publish_status()
+
+    def _begin(self) -> bool:
+        """Whether there is an engine; it begins once the model is there or waited for."""
+        if self._engine is not None:
+            return True
+        waited = time.monotonic() - self._begun_s >= self._values["model_wait_s"]
+        if self._noise is None and self._values["model_topic"] and not waited:
+            return False
+        noise = self._noise or mems_defaults(self._turn_on)
+        self._engine = Engine(noise, self._parameters)
+        self.get_logger().info(f"noise model: {noise.source}")
+        return True
+
+    def _feed(self, kind: str, decoded: Decoded) -> Rows:
+        assert self._engine is not None
+        return feed(self._engine, self._streams[kind].receiver.type, decoded)
+
+    def _publish(self, rows: Rows) -> None:
+        assert self._engine is not None
+        origin = self._engine.origin
+        if origin is None:
+            return
+        solution = solve(rows.stamp_ns, rows.values, origin, self._parameters.lever_arm_m)
+        world, body = self._values["world_frame"], self._values["body_frame"]
+        for row in odometry_messages(solution, world, body):
+            self._odometry.publish(row.tobytes())
+        for row in fix_messages(solution, body):
+            self._fixes.publish(row.tobytes())
+        self._send_transforms(solution)
+
+    def _count_latency(self, received_ns: int) -> None:
+        latency_s = (time.time_ns() - received_ns) * 1e-9
+        self._latencies.append(latency_s)
+        self._latest_s = max(self._latest_s, latency_s)
+
+    def _publish_status(self) -> None:
+        assert self._engine is not None
+        latency_s = float(np.median(self._latencies)) if self._latencies else 0.0
+        message = filter_status(self._engine)
+        message.header.frame_id = self._values["world_frame"]
+        message.header.stamp = to_time(self._newest_ns)
+        message.last_update = self._updates
+        message.latency_s, message.latency_max_s = latency_s, self._latest_s
+        message.imu_missing = self._streams["imu"].watch.missing
+        self._latest_s = 0.0
+        self._status.publish(message)
+
+    def _tell(self) -> None:
+        """Look at the publishers, then publish diagnostics."""
+        now_ns = time.time_ns()
+        statuses = []
+        for kind, stream in self._streams.items():
+            if stream.receiver.look():
+                stream.reset()
+            if kind == "imu" or stream.receiver.publishers or stream.watch.received:
+                statuses.append(stream.status(self.get_name(), now_ns))
+        statuses.append(self._filter_diagnosis())
+        self._diagnostics.publish(array(statuses, self.get_clock().now().nanoseconds))
+        if self._engine is not None:
+            self._publish_status()
+
+    def _filter_diagnosis(self) -> DiagnosticStatus:
+        name = f"{self.get_name()}: filter"
+        if self._engine is None:
+            return status(DiagnosticStatus.STALE, name, "waiting for samples and a noise model", {})
+        found = self._engine.status()
+        said = [found.fault or "", *found.notes]
+        if found.white is False:
+            said.append("the innovations are not white: the noise model is not that of the sensors")
+        numbers = {
+            "model": self._engine.noise.source,
+            "running": self._engine.running,
+            "heading_known": found.aligned,
+            "fixes_used": found.used,
+            "fixes_gated": found.gated,
+            "fixes_late": found.late,
+            "fixes_rejected": found.rejected,
+            "standing_still": found.still,
+        }
+        bad = bool(found.fault) or found.white is False
+        level = DiagnosticStatus.WARN if bad else DiagnosticStatus.OK
+        return status(level, name, "; ".join(filter(None, said)) or "as it should be", numbers)
+
+    def _on_reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+        topics = [stream.receiver.topic for stream in self._streams.values()]
+        unknown = sorted(set(request.topics) - set(topics))
+        if unknown:
+            response.message = f"not a topic of this node: {', '.join(unknown)}"
+            return response
+        self._inbox = []
+        self._engine = None
+        for stream in self._streams.values():
+            stream.reset()
+        response.success = True
+        response.message = "the filter starts anew with the next samples"
+        return response
+
+
+def run_node(argv: Sequence[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM; return the exit status."""
+    return spin_node(FuseNode, argv)
