@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from nav_fusion import observe, core
+from nav_fusion import core, observe
 from nav_fusion.state import ALIVE, NAV, SLOW, STRIDE
 
 if TYPE_CHECKING:
@@ -65,12 +65,12 @@ def status_of(engine: Engine) -> Status:
     """Figures of a filter, see :class:`nav_fusion.engine.Status`."""
     from nav_fusion.engine import Status
 
-    past, core, counts = engine._past, engine._core, engine.counts
-    s = np.zeros(SLOW) if core is None else engine._best()
+    past, running, counts = engine._past, engine._core, engine.counts
+    s = np.zeros(SLOW) if running is None else engine._best()
     row = np.zeros(core.OUT_SIZE)
-    if core is not None:
-        k = int((core.cursor[core.SAMPLES] - 1) % core.IMU_RING)
-        core.write_output(core, k, row)
+    if running is not None:
+        k = int((running.cursor[core.SAMPLES] - 1) % core.IMU_RING)
+        core.write_output(running, k, row)
     dof = int(s[observe.DOF_SUM])
     fixes = dof // 3
     band = mean_band(3, fixes) if fixes else (None, None)
@@ -78,7 +78,7 @@ def status_of(engine: Engine) -> Status:
     whiteness = portmanteau(lags, s[observe.WHITE_COUNT], 3) if fixes >= 20 else None
     limit = whiteness_limit(observe.LAGS)
     total = {slot: int(past[slot] + s[slot]) for slot in observe.TOTALS}
-    alive = 0 if core is None else int((core.bank[:, ALIVE] > 0).sum())
+    alive = 0 if running is None else int((running.bank[:, ALIVE] > 0).sum())
     known = s[observe.ALIGNED_S] if s[observe.ALIGNED_S] > 0 else None
     bias = tuple(map(float, row[core.OUT_BIAS : core.OUT_BIAS + 6]))
     sigma = tuple(math.sqrt(max(v, 0.0)) for v in
@@ -93,8 +93,8 @@ def status_of(engine: Engine) -> Status:
         still_updates=total[observe.STILL_UPDATES], recovered=total[observe.RECOVERED],
         imu_samples=counts.imu_samples, imu_duplicates=counts.imu_duplicates,
         imu_out_of_order=counts.imu_out_of_order, imu_non_finite=counts.imu_non_finite,
-        gaps=0 if core is None else int(core.shared[core.GAPS]),
-        gap_s=0.0 if core is None else float(core.shared[core.GAP_S]),
+        gaps=0 if running is None else int(running.shared[core.GAPS]),
+        gap_s=0.0 if running is None else float(running.shared[core.GAP_S]),
         nis_last=float(s[observe.LAST_NIS]) if fixes else None,
         nis_mean=float(s[observe.NIS_SUM]) / fixes if fixes else None,
         nis_recent=float(s[observe.RECENT_NIS]) if fixes else None,
@@ -116,15 +116,15 @@ def _all_notes(engine: Engine, total: dict[int, int], s: Floats) -> tuple[str, .
     if total[observe.RECOVERED]:
         notes.append(f"{total[observe.RECOVERED]} times the filter was started anew from fixes that "
                      "it had gated without a break")
-    core = engine._core
-    if core is not None:
-        if core.shared[core.GAPS] > 0:
-            notes.append(f"IMU silent {int(core.shared[core.GAPS])} times, "
-                         f"{core.shared[core.GAP_S]:.2f} s in all: propagated with unknown motion")
-        if core.shared[core.FAST_BLOCKS] >= 4:
+    running = engine._core
+    if running is not None:
+        if running.shared[core.GAPS] > 0:
+            notes.append(f"IMU silent {int(running.shared[core.GAPS])} times, "
+                         f"{running.shared[core.GAP_S]:.2f} s in all: propagated with unknown motion")
+        if running.shared[core.FAST_BLOCKS] >= 4:
             notes.append("angular_velocity stays above 8 rad/s for a second or more: degrees per "
                          "second, perhaps; it must be rad/s")
-        if (core.bank[:, ALIVE] > 0).sum() > 1:
+        if (running.bank[:, ALIVE] > 0).sum() > 1:
             notes.append("heading not observable: no magnetometer, and the platform has not moved "
                          "enough for the fixes to show it")
     return tuple(notes)

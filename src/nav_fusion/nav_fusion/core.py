@@ -15,23 +15,41 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from nav_fusion.earth import normal_gravity
 from nav_fusion.observe import (
     ALIGNED_S,
+    UPDATE_SIZE,
     Sensing,
     Update,
     correct_by_field,
     correct_by_fix,
     correct_by_rest,
     correct_by_velocity,
-    update_arrays,
+    update_views,
 )
-from nav_fusion.state import ALIVE, LOG_WEIGHT, NAV, SLOW, STRIDE, Layout, Q, R, SlowModel, V
+from nav_fusion.state import (
+    ALIVE,
+    BIAS,
+    ELAPSED,
+    FORCE_SUM,
+    GAP_VARIANCE,
+    LOG_WEIGHT,
+    NAV,
+    SLOW,
+    STRIDE,
+    TURN_SUM,
+    Layout,
+    Q,
+    R,
+    SlowModel,
+    V,
+)
 from nav_fusion.strapdown import (
-    Scratch,
+    SCRATCH_SIZE,
     mechanise,
     propagate_covariance,
     rotation_matrix,
-    scratch,
+    scratch_views,
     slow_step,
 )
 
@@ -40,6 +58,9 @@ Ints = NDArray[np.int64]
 
 FIX, VELOCITY_KIND, FIELD = 0, 1, 2
 """Kinds of measurement, in the order in which equal stamps are taken."""
+
+COVARIANCE_STEP_S = 0.01
+"""At most about this long: 100 Hz is within 2e-4 of 1 kHz, and ten times cheaper."""
 
 Z_SIZE = 18
 IMU_RING = 16384
@@ -53,62 +74,90 @@ SHARED = 16
 
 # cursor: where the queues stand (int64)
 SAMPLES, HEAD_MEASUREMENT, NEXT, FIRST_CHECKPOINT, LAST_CHECKPOINT, AHEAD = 0, 1, 2, 3, 4, 5
-CURSOR = 8
+CURSOR = 16
 
 # one row of output: r, v, q, then these
 OUT_P, OUT_RATE, OUT_BIAS, OUT_BIAS_VARIANCE = 10, 91, 94, 100
 OUT_HYPOTHESES, OUT_STILL, OUT_SIZE = 106, 107, 108
 
-# times (ns)
-START, CHECKPOINT_PERIOD, PUBLISH_PERIOD, GAP, WINDOW, FURTHEST = 0, 1, 2, 3, 4, 5
+# cursor, times (ns)
+START, CHECKPOINT_PERIOD, PUBLISH_PERIOD, GAP, WINDOW, FURTHEST = 8, 9, 10, 11, 12, 13
+
+# constants
+GYRO_PSD, ACCEL_PSD, UNKNOWN, QUIET, STILL_USE = 0, 3, 6, 10, 28
+
+# work: sixteen vectors, one matrix and the last step before the scratch of its users
+MATRIX, LAST_DT, VECTORS = 48, 57, 64
 
 ACCEPTED, LATE, TOO_LATE, DUPLICATE, FULL = 0, 1, 2, 3, 4
 """What became of a measurement."""
 
 
 class Core(NamedTuple):
-    """One filter with all its hypotheses, queues and checkpoints."""
+    """One filter with all its hypotheses, queues and checkpoints.
+
+    Few arrays, the small ones packed: a compiled call costs by the array.
+    """
 
     bank: Floats  # (K, size)
     shared: Floats  # (SHARED,)
-    cursor: Ints
+    cursor: Ints  # (CURSOR,)
     imu_ns: Ints  # (IMU_RING,)
-    rate: Floats  # (IMU_RING, 3)
-    force: Floats
+    imu: Floats  # (IMU_RING, 6): rate, force
     measurement_ns: Ints  # (MEASUREMENT_RING,), ascending from 0
     kind: Ints
     z: Floats  # (MEASUREMENT_RING, Z_SIZE)
     checkpoint_bank: Floats  # (CHECKPOINTS, K, size)
     checkpoint_shared: Floats
     checkpoint_sample: Ints  # (CHECKPOINTS,) number of samples taken when it was made
-    slow: SlowModel
-    gyro_psd: Floats
-    accel_psd: Floats
-    times: Ints  # start, checkpoint period, publish period, gap, window, furthest ahead; ns
-    gap: Floats  # sigma and correlation time of unknown motion: accel, s, rate, s
-    quiet: Floats  # variance of accel and rate at rest, block s, blocks, fast rate
-    sensing: Sensing
-    work: Scratch
-    update: Update
-    vectors: Floats  # (16, 3) scratch
-    last_dt: Floats
+    target: Ints  # (m,)
+    slow_table: Floats  # (3, m)
+    constants: Floats  # (CONSTANTS,)
+    work: Floats  # scratch
 
 
 def new_core(
     layout: Layout, hypotheses: Floats, times: Ints, gap: Floats, quiet: Floats, sensing: Sensing
 ) -> Core:
-    """Allocate a core that starts from ``hypotheses`` (K, size)."""
+    """Allocate a core that starts from ``hypotheses`` (K, size).
+
+    ``times`` (6,) ns: start, checkpoint period, publish period, gap, window, furthest ahead;
+    ``gap`` (4,): sigma and correlation time of unknown acceleration and rate; ``quiet`` (5,): see
+    :func:`nav_fusion.starting.quiet_limits`.
+    """
     count, size = hypotheses.shape
+    cursor = np.zeros(CURSOR, dtype=np.int64)
+    cursor[START : START + 6] = times
+    slow = layout.slow
     return Core(
-        hypotheses.copy(), np.zeros(SHARED), np.zeros(CURSOR, dtype=np.int64),
-        np.zeros(IMU_RING, dtype=np.int64), np.zeros((IMU_RING, 3)), np.zeros((IMU_RING, 3)),
-        np.zeros(MEASUREMENT_RING, dtype=np.int64), np.zeros(MEASUREMENT_RING, dtype=np.int64),
-        np.zeros((MEASUREMENT_RING, Z_SIZE)),
+        hypotheses.copy(), np.zeros(SHARED), cursor, np.zeros(IMU_RING, dtype=np.int64),
+        np.zeros((IMU_RING, 6)), np.zeros(MEASUREMENT_RING, dtype=np.int64),
+        np.zeros(MEASUREMENT_RING, dtype=np.int64), np.zeros((MEASUREMENT_RING, Z_SIZE)),
         np.zeros((CHECKPOINTS, count, size)), np.zeros((CHECKPOINTS, SHARED)),
-        np.zeros(CHECKPOINTS, dtype=np.int64), layout.slow, layout.gyro_psd, layout.accel_psd,
-        times, gap, quiet, sensing, scratch(layout.slow.target.size), update_arrays(),
-        np.zeros((16, 3)), np.full(1, -1.0),
+        np.zeros(CHECKPOINTS, dtype=np.int64), slow.target,
+        np.stack([slow.rate, slow.psd, slow.variance]),
+        np.concatenate([layout.gyro_psd, layout.accel_psd, gap, quiet, *sensing]),
+        np.zeros(VECTORS + SCRATCH_SIZE + UPDATE_SIZE),
     )
+
+
+@njit(cache=True)
+def slow_of(core: Core) -> SlowModel:
+    """Return the slow states' model."""
+    return SlowModel(core.target, core.slow_table[0], core.slow_table[1], core.slow_table[2])
+
+
+@njit(cache=True)
+def sensing_of(core: Core) -> Sensing:
+    """Return what the corrections need, as ``new_core`` packed it."""
+    c = core.constants
+    return Sensing(c[15:18], c[18:22], c[22:24], c[24:25], c[25:29])
+
+
+@njit(cache=True)
+def update_of(core: Core) -> Update:
+    """Return the working arrays of a correction."""
+    return update_views(core.work[VECTORS + SCRATCH_SIZE :])
 
 
 @njit(cache=True)
@@ -136,57 +185,97 @@ def disturbance_psd(gap_s: float, sigma: float, correlation_s: float) -> float:
 
 
 @njit(cache=True)
-def gap_spectra(core: Core, gap_s: float, gyro_psd: Floats, accel_psd: Floats) -> None:
-    """White spectra inside a gap: the sensors' and the unknown motion's."""
-    for i in range(3):
-        accel_psd[i] = core.accel_psd[i] + disturbance_psd(gap_s, core.gap[0], core.gap[1])
-        gyro_psd[i] = core.gyro_psd[i] + disturbance_psd(gap_s, core.gap[2], core.gap[3])
+def refresh_bias(s: Floats, slow: SlowModel) -> None:
+    """Sum the slow terms of each inertial axis, after they have changed."""
+    total_bias(s, slow, s[BIAS : BIAS + 3], s[BIAS + 3 : BIAS + 6])
 
 
 @njit(cache=True)
 def propagate(core: Core, sample: int, from_ns: int, to_ns: int) -> None:
-    """Take every hypothesis from one time to another inside the interval that ends at a sample."""
+    """Take every hypothesis from one time to another inside the interval that ends at a sample.
+
+    The covariance follows in steps of about ``COVARIANCE_STEP_S`` (:func:`settle`).
+    """
     a, b = (sample - 1) % IMU_RING, sample % IMU_RING
     whole = float(core.imu_ns[b] - core.imu_ns[a])
     x0 = float(from_ns - core.imu_ns[a]) / whole
     x1 = float(to_ns - core.imu_ns[a]) / whole
     dt = float(to_ns - from_ns) * 1e-9
-    m = core.slow.target.size
-    u, C = core.vectors, core.update.C
-    gyro_psd, accel_psd = core.gyro_psd, core.accel_psd
-    if whole > core.times[GAP]:
-        gyro_psd, accel_psd = u[12], u[13]
-        gap_spectra(core, whole * 1e-9, gyro_psd, accel_psd)
-    if dt != core.last_dt[0]:
-        slow_step(core.slow, dt, core.work.decay, core.work.mean, core.work.half_noise)
-        core.last_dt[0] = dt
+    u = core.work[:MATRIX].reshape(16, 3)
+    C = core.work[MATRIX : MATRIX + 9].reshape(3, 3)
+    k = core.constants
+    gap = whole > core.cursor[GAP]
     for h in range(core.bank.shape[0]):
         s = core.bank[h]
         if s[ALIVE] == 0.0:
             continue
-        total_bias(s, core.slow, u[0], u[1])
         for i in range(3):
-            w0, w1 = core.rate[a, i], core.rate[b, i]
-            f0, f1 = core.force[a, i], core.force[b, i]
-            u[2, i] = w0 + x0 * (w1 - w0) - u[0, i]
-            u[3, i] = w0 + x1 * (w1 - w0) - u[0, i]
-            u[4, i] = f0 + x0 * (f1 - f0) - u[1, i]
-            u[5, i] = f0 + x1 * (f1 - f0) - u[1, i]
+            w0, w1 = core.imu[a, i] - s[BIAS + i], core.imu[b, i] - s[BIAS + i]
+            f0, f1 = core.imu[a, 3 + i] - s[BIAS + 3 + i], core.imu[b, 3 + i] - s[BIAS + 3 + i]
+            u[2, i] = w0 + x0 * (w1 - w0)
+            u[3, i] = w0 + x1 * (w1 - w0)
+            u[4, i] = f0 + x0 * (f1 - f0)
+            u[5, i] = f0 + x1 * (f1 - f0)
         mechanise(
             s[R : R + 3], s[V : V + 3], s[Q : Q + 4], u[2], u[3], u[4], u[5], dt, C, u[6], u[7]
         )
-        propagate_covariance(
-            s[SLOW + m :], C, u[6], s[R : R + 3], u[7], dt, core.slow, gyro_psd, accel_psd,
-            core.work,
-        )
-        for k in range(m):
-            s[SLOW + k] *= core.work.decay[k]
+        s[ELAPSED] += dt
+        for i in range(3):
+            s[FORCE_SUM + i] += dt * u[6, i]
+            for j in range(3):
+                s[TURN_SUM + 3 * i + j] += dt * C[i, j]
+        if gap:
+            s[GAP_VARIANCE] += dt * disturbance_psd(1e-9 * whole, k[UNKNOWN], k[UNKNOWN + 1])
+            s[GAP_VARIANCE + 1] += dt * disturbance_psd(1e-9 * whole, k[UNKNOWN + 2], k[UNKNOWN + 3])
+        if s[ELAPSED] + 0.5 * dt >= COVARIANCE_STEP_S:
+            settle(core, s)
+
+
+@njit(cache=True)
+def settle(core: Core, s: Floats) -> None:
+    """Bring covariance and slow states up to the state's time.
+
+    With the mean specific force and the mean attitude of the samples since the last time, which
+    are exact to second order in the step: the covariance does not depend on the IMU's rate.
+    """
+    dt = s[ELAPSED]
+    if dt == 0.0:
+        return
+    m = core.target.size
+    u = core.work[:MATRIX].reshape(16, 3)
+    C = core.work[MATRIX : MATRIX + 9].reshape(3, 3)
+    slow, work = slow_of(core), scratch_views(core.work[VECTORS:], m)
+    for i in range(3):
+        u[6, i] = s[FORCE_SUM + i] / dt
+        for j in range(3):
+            C[i, j] = s[TURN_SUM + 3 * i + j] / dt
+        u[12, i] = core.constants[GYRO_PSD + i] + s[GAP_VARIANCE + 1] / dt
+        u[13, i] = core.constants[ACCEL_PSD + i] + s[GAP_VARIANCE] / dt
+    if dt != core.work[LAST_DT]:
+        slow_step(slow, dt, work.decay, work.mean, work.half_noise)
+        core.work[LAST_DT] = dt
+    normal_gravity(s[R : R + 3], u[7])
+    propagate_covariance(
+        s[SLOW + m :], C, u[6], s[R : R + 3], u[7], dt, slow, u[12], u[13], work
+    )
+    for k in range(m):
+        s[SLOW + k] *= work.decay[k]
+    s[ELAPSED : GAP_VARIANCE + 2] = 0.0
+    refresh_bias(s, slow)
+
+
+@njit(cache=True)
+def settle_all(core: Core) -> None:
+    """Bring all living hypotheses up to the state's time."""
+    for h in range(core.bank.shape[0]):
+        if core.bank[h, ALIVE] > 0.0:
+            settle(core, core.bank[h])
 
 
 @njit(cache=True)
 def heading_of(s: Floats, core: Core) -> float:
     """Yaw of a hypothesis about the sphere's vertical, for comparison with the others'."""
-    C = core.update.C
+    C = core.work[MATRIX : MATRIX + 9].reshape(3, 3)
     rotation_matrix(s[Q : Q + 4], C)
     x, y, z = s[R], s[R + 1], s[R + 2]
     p = math.sqrt(x * x + y * y)
@@ -237,7 +326,7 @@ def prune(core: Core, time_s: float) -> None:
     best = heaviest(core)
     if core.bank[best, ALIGNED_S] != 0.0:
         return
-    m = core.slow.target.size
+    m = core.target.size
     here = heading_of(core.bank[best], core)
     certain = heading_variance(core.bank[best], m)
     alive = 0
@@ -260,21 +349,23 @@ def prune(core: Core, time_s: float) -> None:
 def correct(core: Core, index: int, sample: int) -> None:
     """Apply measurement ``index`` to every living hypothesis."""
     kind, z = core.kind[index], core.z[index]
-    time_s = float(core.measurement_ns[index] - core.times[START]) * 1e-9
-    u = core.vectors
+    time_s = float(core.measurement_ns[index] - core.cursor[START]) * 1e-9
+    rate = core.work[:3]
+    slow, sensing, update = slow_of(core), sensing_of(core), update_of(core)
     for h in range(core.bank.shape[0]):
         s = core.bank[h]
         if s[ALIVE] == 0.0:
             continue
+        settle(core, s)
         if kind == FIX:
-            correct_by_fix(s, core.slow, z, time_s, core.sensing, core.update)
+            correct_by_fix(s, slow, z, time_s, sensing, update)
         elif kind == VELOCITY_KIND:
-            total_bias(s, core.slow, u[0], u[1])
             for i in range(3):
-                u[2, i] = core.rate[(sample - 1) % IMU_RING, i] - u[0, i]
-            correct_by_velocity(s, core.slow, z, u[2], core.sensing, core.update)
+                rate[i] = core.imu[(sample - 1) % IMU_RING, i] - s[BIAS + i]
+            correct_by_velocity(s, slow, z, rate, sensing, update)
         else:
-            correct_by_field(s, core.slow, z, core.sensing, core.update)
+            correct_by_field(s, slow, z, sensing, update)
+        refresh_bias(s, slow)
     if kind != FIELD:
         prune(core, time_s)
 
@@ -283,24 +374,24 @@ def correct(core: Core, index: int, sample: int) -> None:
 def watch_rest(core: Core, sample: int) -> None:
     """Sum the sample into its block; when the block is full, see whether the platform rests."""
     d, b = core.shared, sample % IMU_RING
-    time = float(core.imu_ns[b] - core.times[START]) * 1e-9
+    time = float(core.imu_ns[b] - core.cursor[START]) * 1e-9
     if d[BLOCK_COUNT] == 0.0:
         d[BLOCK_START] = time
     d[BLOCK_COUNT] += 1.0
     for i in range(3):
-        w, f = core.rate[b, i], core.force[b, i]
+        w, f = core.imu[b, i], core.imu[b, 3 + i]
         d[BLOCK_SUMS + i] += w
         d[BLOCK_SUMS + 3 + i] += f
         d[BLOCK_SUMS + 6] += w * w
         d[BLOCK_SUMS + 7] += f * f
-    if time - d[BLOCK_START] >= core.quiet[2]:
+    if time - d[BLOCK_START] >= core.constants[QUIET + 2]:
         close_block(core, time - d[BLOCK_START])
 
 
 @njit(cache=True)
 def close_block(core: Core, length_s: float) -> None:
     """Decide whether the block was quiet; correct by rest after enough quiet blocks in a row."""
-    d, mean = core.shared, core.vectors[8]
+    d, mean = core.shared, core.work[24:27]
     n = d[BLOCK_COUNT]
     rate2 = 0.0
     force2 = 0.0
@@ -309,21 +400,26 @@ def close_block(core: Core, length_s: float) -> None:
         rate2 += mean[i] ** 2
         force2 += (d[BLOCK_SUMS + 3 + i] / n) ** 2
     quiet = (
-        d[BLOCK_SUMS + 6] / n - rate2 < core.quiet[1]
-        and d[BLOCK_SUMS + 7] / n - force2 < core.quiet[0]
+        d[BLOCK_SUMS + 6] / n - rate2 < core.constants[QUIET + 1]
+        and d[BLOCK_SUMS + 7] / n - force2 < core.constants[QUIET]
     )
     d[QUIET_BLOCKS] = d[QUIET_BLOCKS] + 1.0 if quiet else 0.0
-    if rate2 > core.quiet[4] ** 2:
+    if rate2 > core.constants[QUIET + 4] ** 2:
         d[FAST_BLOCKS] += 1.0
     d[BLOCK_START : BLOCK_SUMS + 8] = 0.0
-    d[STILL] = 1.0 if d[QUIET_BLOCKS] >= core.quiet[3] else 0.0
-    if d[STILL] == 0.0 or core.sensing.still[3] == 0.0:
+    d[STILL] = 1.0 if d[QUIET_BLOCKS] >= core.constants[QUIET + 3] else 0.0
+    if d[STILL] == 0.0 or core.constants[STILL_USE] == 0.0:
         return
+    slow, sensing, update = slow_of(core), sensing_of(core), update_of(core)
+    gyro_psd = core.constants[GYRO_PSD : GYRO_PSD + 3]
     for h in range(core.bank.shape[0]):
-        if core.bank[h, ALIVE] > 0.0:
+        s = core.bank[h]
+        if s[ALIVE] > 0.0:
+            settle(core, s)
             correct_by_rest(
-                core.bank[h], core.slow, mean, core.gyro_psd, length_s, core.sensing, core.update
+                s, slow, mean, gyro_psd, length_s, sensing, update
             )
+            refresh_bias(s, slow)
 
 
 @njit(cache=True)
@@ -355,9 +451,10 @@ def checkpoint_ns(core: Core, k: int) -> int:
 def advance(core: Core, sample: int) -> None:
     """Take the filter over the interval that ends at ``sample`` (in the ring already)."""
     c = core.cursor
-    now = core.imu_ns[(sample - 1) % IMU_RING]
+    start = core.imu_ns[(sample - 1) % IMU_RING]
     end = core.imu_ns[sample % IMU_RING]
-    if end - now > core.times[GAP]:
+    now = start
+    if end - now > core.cursor[GAP]:
         core.shared[GAPS] += 1.0
         core.shared[GAP_S] += float(end - now) * 1e-9
         core.shared[BLOCK_START : QUIET_BLOCKS + 1] = 0.0
@@ -371,8 +468,10 @@ def advance(core: Core, sample: int) -> None:
     if end > now:
         propagate(core, sample, now, end)
     watch_rest(core, sample)
+    if end // core.cursor[PUBLISH_PERIOD] != start // core.cursor[PUBLISH_PERIOD]:
+        settle_all(core)
     c[SAMPLES] = sample + 1
-    if end - checkpoint_ns(core, c[LAST_CHECKPOINT]) >= core.times[CHECKPOINT_PERIOD]:
+    if end - checkpoint_ns(core, c[LAST_CHECKPOINT]) >= core.cursor[CHECKPOINT_PERIOD]:
         save_checkpoint(core)
 
 
@@ -434,7 +533,7 @@ def insert(core: Core, time_ns: int, kind: int, z: Floats) -> int:
     """Put a measurement in its place in time; rewind and repeat when the filter has passed it."""
     c = core.cursor
     now = core.imu_ns[(c[SAMPLES] - 1) % IMU_RING]
-    if time_ns < now - core.times[WINDOW] or time_ns <= checkpoint_ns(core, c[FIRST_CHECKPOINT]):
+    if time_ns < now - core.cursor[WINDOW] or time_ns <= checkpoint_ns(core, c[FIRST_CHECKPOINT]):
         return TOO_LATE
     if c[HEAD_MEASUREMENT] == MEASUREMENT_RING:
         forget(core)
@@ -463,7 +562,7 @@ def drop_ahead(core: Core, end: int) -> None:
     c = core.cursor
     while (
         c[HEAD_MEASUREMENT] > c[NEXT]
-        and core.measurement_ns[c[HEAD_MEASUREMENT] - 1] > end + core.times[FURTHEST]
+        and core.measurement_ns[c[HEAD_MEASUREMENT] - 1] > end + core.cursor[FURTHEST]
     ):
         c[HEAD_MEASUREMENT] -= 1
         c[AHEAD] += 1
@@ -473,14 +572,14 @@ def drop_ahead(core: Core, end: int) -> None:
 def feed(core: Core, stamp_ns: Ints, rate: Floats, force: Floats, out_ns: Ints, out: Floats) -> int:
     """Take a block of samples (stamps ascending); returns how many rows of output became due."""
     c = core.cursor
-    period = core.times[PUBLISH_PERIOD]
+    period = core.cursor[PUBLISH_PERIOD]
     rows = 0
     for i in range(stamp_ns.size):
         sample = c[SAMPLES]
         k = sample % IMU_RING
         core.imu_ns[k] = stamp_ns[i]
-        core.rate[k, :] = rate[i]
-        core.force[k, :] = force[i]
+        core.imu[k, 0:3] = rate[i]
+        core.imu[k, 3:6] = force[i]
         drop_ahead(core, stamp_ns[i])
         advance(core, sample)
         before = core.imu_ns[(sample - 1) % IMU_RING]
@@ -495,8 +594,8 @@ def feed(core: Core, stamp_ns: Ints, rate: Floats, force: Floats, out_ns: Ints, 
 def begin(core: Core, stamp_ns: int, rate: Floats, force: Floats) -> None:
     """Put the first sample in the ring: the hypotheses hold at its stamp."""
     core.imu_ns[0] = stamp_ns
-    core.rate[0, :] = rate
-    core.force[0, :] = force
+    core.imu[0, 0:3] = rate
+    core.imu[0, 3:6] = force
     core.cursor[SAMPLES] = 1
     core.cursor[FIRST_CHECKPOINT] = 0
     core.cursor[LAST_CHECKPOINT] = -1
@@ -509,7 +608,7 @@ def mixture(core: Core, best: int, mean: Floats, P: Floats) -> int:
 
     The attitude that is published is the heaviest's, so its spread is about that one.
     """
-    m = core.slow.target.size
+    m = core.target.size
     s = core.bank[best]
     here = heading_of(s, core)
     radius = math.sqrt(s[R] ** 2 + s[R + 1] ** 2 + s[R + 2] ** 2)
@@ -554,16 +653,13 @@ def write_output(core: Core, k: int, row: Floats) -> None:
         row[i] = s[R + i] + mean[i]
         row[3 + i] = s[V + i] + mean[3 + i]
     row[6:10] = s[Q : Q + 4]
-    m = core.slow.target.size
-    u = core.vectors
-    total_bias(s, core.slow, u[0], u[1])
+    m = core.target.size
     for i in range(3):
-        row[OUT_RATE + i] = core.rate[k, i] - u[0, i]
-        row[OUT_BIAS + i] = u[0, i]
-        row[OUT_BIAS + 3 + i] = u[1, i]
+        row[OUT_RATE + i] = core.imu[k, i] - s[BIAS + i]
+    row[OUT_BIAS : OUT_BIAS + 6] = s[BIAS : BIAS + 6]
     P = s[SLOW + m :]
     for a in range(m):
         for b in range(m):
-            t = core.slow.target[a]
-            if t < 6 and t == core.slow.target[b]:
+            t = core.target[a]
+            if t < 6 and t == core.target[b]:
                 row[OUT_BIAS_VARIANCE + t] += P[(NAV + a) * STRIDE + NAV + b]

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from nav_fusion import observe, core
+from nav_fusion import core, observe
 from nav_fusion.alignment import rotation_of
 from nav_fusion.earth import ecef_from_geodetic, geodetic_from_ecef
 from nav_fusion.noise import AidNoise, NavigationNoise
@@ -414,7 +414,7 @@ class Engine:
         gap = np.array([p.gap_accel_m_s2, p.gap_correlation_s, p.gap_rate_rad_s,
                         p.gap_correlation_s])
         quiet = quiet_limits(self.layout, p, 1.0 / start.period_s)
-        return core.new_core(self.layout, start.bank, times, gap, quiet, sensing_of(p))
+        return core.new_core(self.layout, start.bank, times, gap, quiet, packed_sensing(p))
 
     def _best(self) -> Floats:
         assert self._core is not None
@@ -456,7 +456,7 @@ class Engine:
             self._notes[sentence] = None
 
 
-def sensing_of(parameters: Parameters) -> observe.Sensing:
+def packed_sensing(parameters: Parameters) -> observe.Sensing:
     """Parameters as the compiled corrections want them."""
     gate = np.array([0.0, *(stats.chi2.ppf(parameters.gate_confidence, k) for k in (1, 2, 3))])
     return observe.Sensing(

@@ -69,11 +69,17 @@ class Update(NamedTuple):
     white: Floats
 
 
-def update_arrays() -> Update:
-    """Allocate the working arrays."""
+UPDATE_SIZE = 48 + 9 * STRIDE
+
+
+@njit(cache=True)
+def update_views(flat: Floats) -> Update:
+    """Views of a flat array of ``UPDATE_SIZE`` as the working arrays."""
+    a, b, c, d = 48, 48 + 3 * STRIDE, 48 + 6 * STRIDE, 48 + 9 * STRIDE
     return Update(
-        np.zeros(3), np.zeros((3, STRIDE)), np.zeros((3, 3)), np.zeros((STRIDE, 3)),
-        np.zeros((3, 3)), np.zeros((STRIDE, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3),
+        flat[0:3], flat[a:b].reshape(3, STRIDE), flat[3:12].reshape(3, 3),
+        flat[b:c].reshape(STRIDE, 3), flat[12:21].reshape(3, 3), flat[c:d].reshape(STRIDE, 3),
+        flat[21:30].reshape(3, 3), flat[30:39].reshape(3, 3), flat[39:42],
     )
 
 

@@ -28,8 +28,11 @@ IMU_TARGETS = 6
 # Layout of one hypothesis: navigation, bookkeeping, slow states, covariance.
 R, V, Q = 0, 3, 6
 ALIVE, LOG_WEIGHT = 10, 11
-SLOW = 64
-"""Bookkeeping of ``nav_fusion.observe`` lies between ``LOG_WEIGHT`` and this."""
+BIAS = 64
+ELAPSED, FORCE_SUM, TURN_SUM, GAP_VARIANCE = 70, 71, 74, 83
+SLOW = 88
+"""Bookkeeping of ``nav_fusion.observe`` lies between ``LOG_WEIGHT`` and ``BIAS``;
+then the summed biases, and what gathers until the covariance is brought up to date."""
 
 
 class SlowModel(NamedTuple):

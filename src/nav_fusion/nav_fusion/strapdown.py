@@ -60,8 +60,7 @@ def rotate_right(q: Floats, a: float, b: float, c: float) -> None:
 @njit(cache=True)
 def rotate_left(q: Floats, a: float, b: float, c: float) -> None:
     """q <- exp([a b c]/2) * q, a rotation vector in ECEF axes; and normalise."""
-    w0, x0, y0, z0 = q[0], q[1], q[2], q[3]
-    q[1], q[2], q[3] = -x0, -y0, -z0
+    q[1], q[2], q[3] = -q[1], -q[2], -q[3]
     rotate_right(q, -a, -b, -c)
     q[1], q[2], q[3] = -q[1], -q[2], -q[3]
     scale = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
@@ -96,7 +95,8 @@ def mechanise(
     # second order of the turn within the step: (w dt)^2/24 of f (Magnus)
     turn2 = (a0 * a0 + a1 * a1 + a2 * a2) / 24.0
     along = (a0 * x + a1 * y + a2 * z) / 24.0
-    x, y, z = x * (1 - turn2) + a0 * along, y * (1 - turn2) + a1 * along, z * (1 - turn2) + a2 * along
+    keep = 1.0 - turn2
+    x, y, z = keep * x + a0 * along, keep * y + a1 * along, keep * z + a2 * along
     for i in range(3):
         f_e[i] = C[i, 0] * x + C[i, 1] * y + C[i, 2] * z
     normal_gravity(r, g)
@@ -150,26 +150,22 @@ def transition_rows(
 
 @njit(cache=True)
 def bias_rows(
-    M: Floats, columns: int, weight: Floats, target: Ints, C: Floats, raw: Floats, B: Floats
+    M: Floats, columns: int, weight: Floats, target: Ints, C: Floats, B: Floats
 ) -> None:
-    """Six rows of ``B``: slow states of each inertial axis summed with weights, turned into e."""
+    """Six rows of ``B``: the slow states of each inertial axis, with weights, turned into e."""
     for j in range(6 * STRIDE):
-        raw[j] = 0.0
+        B[j] = 0.0
     for s in range(target.size):
-        if target[s] >= IMU_TARGETS:
+        t = target[s]
+        if t >= IMU_TARGETS:
             break
-        w = weight[s]
-        to, source = target[s] * STRIDE, (NAV + s) * STRIDE
+        axis, to, source = t % 3, (t // 3) * 3 * STRIDE, (NAV + s) * STRIDE
+        c0, c1, c2 = weight[s] * C[0, axis], weight[s] * C[1, axis], weight[s] * C[2, axis]
         for j in range(columns):
-            raw[to + j] += w * M[source + j]
-    for i in range(3):
-        c0, c1, c2 = C[i, 0], C[i, 1], C[i, 2]
-        for j in range(columns):
-            B[i * STRIDE + j] = c0 * raw[j] + c1 * raw[STRIDE + j] + c2 * raw[2 * STRIDE + j]
-        for j in range(columns):
-            B[(3 + i) * STRIDE + j] = (
-                c0 * raw[3 * STRIDE + j] + c1 * raw[4 * STRIDE + j] + c2 * raw[5 * STRIDE + j]
-            )
+            x = M[source + j]
+            B[to + j] += c0 * x
+            B[to + STRIDE + j] += c1 * x
+            B[to + 2 * STRIDE + j] += c2 * x
 
 
 @njit(cache=True)
@@ -216,7 +212,6 @@ def slow_step(slow: SlowModel, dt: float, decay: Floats, mean: Floats, half_nois
 class Scratch(NamedTuple):
     """Working arrays of a step, allocated once: flat rows ``STRIDE`` apart."""
 
-    raw: Floats
     bias: Floats
     rows: Floats
     turned: Floats
@@ -226,10 +221,20 @@ class Scratch(NamedTuple):
     half_noise: Floats
 
 
-def scratch(slow_states: int) -> Scratch:
-    """Allocate working arrays for a number of slow states."""
-    rows = [np.zeros(k * STRIDE) for k in (6, 6, NAV, STRIDE, NAV)]
-    return Scratch(*rows, *(np.zeros(slow_states) for _ in range(3)))
+SCRATCH_SIZE = (6 + NAV + STRIDE + NAV + 3) * STRIDE
+
+
+@njit(cache=True)
+def scratch_views(flat: Floats, m: int) -> Scratch:
+    """Views of a flat array of ``SCRATCH_SIZE`` as the scratch of ``m`` slow states."""
+    a = 6 * STRIDE
+    b = a + NAV * STRIDE
+    c = b + STRIDE * STRIDE
+    d = c + NAV * STRIDE
+    e, f = d + STRIDE, d + 2 * STRIDE
+    return Scratch(
+        flat[:a], flat[a:b], flat[b:c], flat[c:d], flat[d : d + m], flat[e : e + m], flat[f : f + m]
+    )
 
 
 @njit(cache=True)
@@ -249,12 +254,12 @@ def propagate_covariance(
     k = dt * math.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2]) / radius
     up = (r[0] / radius, r[1] / radius, r[2] / radius)
     A, At, out = work.rows, work.turned, work.block
-    bias_rows(P, n, work.mean, slow.target, C, work.raw, work.bias)
+    bias_rows(P, n, work.mean, slow.target, C, work.bias)
     transition_rows(P, work.bias, A, n, f_e, up, k, dt)
     for i in range(NAV):
         for j in range(n):
             At[j * STRIDE + i] = A[i * STRIDE + j]
-    bias_rows(At, NAV, work.mean, slow.target, C, work.raw, work.bias)
+    bias_rows(At, NAV, work.mean, slow.target, C, work.bias)
     transition_rows(At, work.bias, out, NAV, f_e, up, k, dt)
     for i in range(NAV):
         for j in range(i + 1):
