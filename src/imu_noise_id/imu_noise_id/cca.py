@@ -219,20 +219,7 @@ def driven(
     """
     p, q = orders
     observed = np.ones(y.size, dtype=bool) if observed is None else observed
-    lags = max(p, q) + 1
-    columns = np.r_[np.arange(p + 1), lags + np.arange(q + 1)]
-    both = np.stack((_centred(x, observed), _centred(y, observed)), axis=1)
-    whole = _whole_rows(observed, lags)
-    if whole.size < 10 * columns.size:
-        raise ValueError(f"{whole.size} whole rows are too few for {columns.size} coefficients")
-
-    def lagged(chosen: NDArray[np.int64]) -> Floats:
-        newest_first = both[chosen[:, None] + np.arange(lags - 1, -1, -1)]
-        table = newest_first.transpose(0, 2, 1).reshape(chosen.size, -1)[:, columns]
-        return np.hstack((np.ones((chosen.size, 1)), table))
-
-    # the column of ones takes the mean of every lag out, exactly
-    R, rows = _triangle(lagged, whole)[1:, 1:], whole.size
+    R, rows = _pair_triangle(_centred(x, observed), _centred(y, observed), p, q, observed)
     Rx, rest = R[: p + 1, : p + 1], R[:, p + 1 :]
     Qy, Ry = np.linalg.qr(rest)
     if min(abs(np.diag(Rx)).min(), abs(np.diag(Ry)).min()) == 0.0:
@@ -454,6 +441,23 @@ def _correlate(
     return _Correlations(np.minimum(S, 1.0), variates, factor, rows, lags, block, float(chance))
 
 
+def _pair_triangle(x: Floats, y: Floats, p: int, q: int, observed: Mask) -> tuple[Floats, int]:
+    """R of the table [x_k ... x_{k-p} | y_k ... y_{k-q}], columns centred, and its rows."""
+    columns = p + q + 2
+    start = max(p, q)
+    whole = start + _whole_rows(observed, start + 1)
+    if whole.size < 10 * columns:
+        raise ValueError(f"{whole.size} whole rows are too few for {columns} coefficients")
+
+    def lagged(rows: NDArray[np.int64]) -> Floats:
+        inputs = x[rows[:, None] - np.arange(p + 1)]
+        outputs = y[rows[:, None] - np.arange(q + 1)]
+        return np.hstack((np.ones((rows.size, 1)), inputs, outputs))
+
+    # the column of ones takes the mean of every lag out, exactly
+    return _triangle(lagged, whole)[1:, 1:], whole.size
+
+
 def _whole_rows(observed: Mask, lags: int) -> NDArray[np.int64]:
     """First samples of the stretches of ``lags`` samples that were all observed."""
     seen = np.concatenate(([0], np.cumsum(observed)))
@@ -462,7 +466,7 @@ def _whole_rows(observed: Mask, lags: int) -> NDArray[np.int64]:
 
 def _triangle(table: Callable[[NDArray[np.int64]], Floats], rows: NDArray[np.int64]) -> Floats:
     """R of the QR factorisation of a tall table, rows taken some thousands at a time."""
-    R = np.linalg.qr(table(rows[:_EVERY]), mode="r")
+    R: Floats = np.linalg.qr(table(rows[:_EVERY]), mode="r")
     for begin in range(_EVERY, rows.size, _EVERY):
         R = np.linalg.qr(np.vstack((R, table(rows[begin : begin + _EVERY]))), mode="r")
     return R
@@ -602,8 +606,9 @@ def _grow(
     candidates = []
     for scale in found:
         for phi, theta in _starts(scale, room):
-            product = np.polymul(model.phi, phi), np.polymul(model.theta, theta)
-            candidates.append(innovations.evaluate(values, observed, *product))
+            poles = np.asarray(np.polymul(model.phi, phi), dtype=np.float64)
+            zeros = np.asarray(np.polymul(model.theta, theta), dtype=np.float64)
+            candidates.append(innovations.evaluate(values, observed, poles, zeros))
     candidates.sort(key=_schwarz)
     chosen: list[Innovations] = []
     for order in sorted({candidate.order for candidate in candidates}):

@@ -206,20 +206,10 @@ def _moments(values, observed, phi, gain, start):  # type: ignore[no-untyped-def
         seen = observed[begin : begin + BLOCK]
         for i in range(filters):
             logarithm[i] += _run(y, seen, phi[i], gain[i], x[i], P[i], scratch, u[i])
-        for i in range(1, filters):
-            for k in range(y.size):
-                u[i, k] -= u[0, k]
-        for i in range(filters):
-            for j in range(i + 1):
-                total = 0.0
-                for k in range(y.size):
-                    total += u[i, k] * u[j, k]
-                moments[i, j] += total
-        for k in range(y.size):
-            count += seen[k]
-    for i in range(filters):
-        for j in range(i):
-            moments[j, i] = moments[i, j]
+        part = u[:, : y.size].copy()
+        part[1:] -= part[0]
+        moments += part @ part.T
+        count += seen.sum()
     return moments, logarithm, count
 
 
