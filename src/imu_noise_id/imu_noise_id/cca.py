@@ -466,9 +466,10 @@ def _whole_rows(observed: Mask, lags: int) -> NDArray[np.int64]:
 
 def _triangle(table: Callable[[NDArray[np.int64]], Floats], rows: NDArray[np.int64]) -> Floats:
     """R of the QR factorisation of a tall table, rows taken some thousands at a time."""
-    R: Floats = np.linalg.qr(table(rows[:_EVERY]), mode="r")
+    R = np.asarray(np.linalg.qr(table(rows[:_EVERY]), mode="r"))
     for begin in range(_EVERY, rows.size, _EVERY):
-        R = np.linalg.qr(np.vstack((R, table(rows[begin : begin + _EVERY]))), mode="r")
+        part = np.vstack((R, table(rows[begin : begin + _EVERY])))
+        R = np.asarray(np.linalg.qr(part, mode="r"))
     return R
 
 
