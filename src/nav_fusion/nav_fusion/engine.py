@@ -186,7 +186,7 @@ class Engine:
             if stop < stamp_ns.size:
                 self._jump(int(stamp_ns[stop]))
             start = stop
-        return _joined(parts)
+        return joined(parts)
 
     def add_fix(
         self, stamp_ns: int, latitude_deg: float, longitude_deg: float, altitude_m: float,
@@ -272,6 +272,10 @@ class Engine:
     def state(self) -> Floats:
         """Return the heaviest hypothesis as a flat array (a copy); empty before the start."""
         return self._best().copy() if self._core is not None else np.zeros(0)
+
+    def turns_too_fast(self) -> bool:
+        """Whether the angular rate stays where no platform's does: degrees per second, perhaps."""
+        return self._core is not None and bool(self._core.shared[core.FAST_BLOCKS] >= 4)
 
     def status(self) -> Status:
         """Return counts, consistency, biases and notes as they are now."""
@@ -368,7 +372,8 @@ class Engine:
         if not is_fix:
             return
         if outcome == core.LATE:
-            self.counts.late += 1
+            assert self._last_ns is not None
+            self.counts.late += measurement.time_ns < self._last_ns
         elif outcome == core.TOO_LATE:
             self._reject(f"fixes more than {self.parameters.lateness_s:g} s late")
         elif outcome != core.ACCEPTED:
@@ -477,7 +482,8 @@ def _no_rows() -> Rows:
     return Rows(np.zeros(0, dtype=np.int64), np.zeros((0, core.OUT_SIZE)))
 
 
-def _joined(parts: list[Rows]) -> Rows:
+def joined(parts: list[Rows]) -> Rows:
+    """Rows of several blocks as one."""
     filled = [p for p in parts if p.stamp_ns.size]
     if len(filled) == 1:
         return filled[0]

@@ -1,0 +1,245 @@
+"""``fuse --bag``: a recording through the engine in the order in which it was received."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from imu_noise_id import cdr
+from imu_noise_id.assemble import to_recording
+from imu_noise_id.bag_writer import TopicBytes, write_bag
+from imu_noise_id.bags import read_topics
+from imu_noise_id.cdr import Decoded
+from imu_noise_id.columns import TopicColumns
+from imu_noise_id.errors import InputError
+from imu_noise_id.identify import identify_recording
+from imu_noise_id.model import NoiseModel
+from imu_noise_id.recording import Channel, Recording
+from imu_noise_id.results_file import write_json
+from imu_noise_id.topics import TopicNames
+from numpy.typing import NDArray
+
+from nav_fusion import core
+from nav_fusion.engine import Engine, Rows, Status, joined
+from nav_fusion.feeding import feed
+from nav_fusion.noise import NavigationNoise, TurnOn, from_model, mems_defaults
+from nav_fusion.parameters import Parameters
+from nav_fusion.published import FIX_TOPIC, ODOMETRY_TOPIC, fix_messages, odometry_messages
+from nav_fusion.solution import Solution, solve
+
+Stamps = NDArray[np.int64]
+
+AIDS = (cdr.NAV_SAT_FIX, cdr.TWIST, cdr.TWIST_WITH_COVARIANCE, cdr.MAGNETIC_FIELD)
+SHORTEST_STILL_S = 60.0
+"""A shorter leading rest identifies nothing that the defaults do not know as well."""
+GNSS_STILL_S = 600.0
+"""A shorter rest does not show the receiver's colour."""
+FORMAT = "fuse/1"
+
+
+@dataclass(frozen=True)
+class FuseResult:
+    """What a recording gave.
+
+    Attributes
+    ----------
+    solution : Solution
+        What the live node would have published.
+    origin : (3,)
+        Latitude deg, longitude deg, altitude m of its east-north-up frame.
+    status : Status
+        At the end.
+    engine : Engine
+    notes : tuple of str
+    """
+
+    solution: Solution
+    origin: tuple[float, float, float]
+    status: Status
+    engine: Engine
+    notes: tuple[str, ...]
+
+
+def fuse_bag(
+    bag: str | Path,
+    model: NoiseModel | None = None,
+    parameters: Parameters = Parameters(),
+    topics: TopicNames | None = None,
+) -> FuseResult:
+    """Read a bag and fuse it.
+
+    Raises
+    ------
+    InputError
+        When the bag has no IMU or no fix, when the model lacks an inertial channel, or when the
+        filter could not start, with the reason.
+    """
+    columns, notes = read_topics(bag, topics)
+    kinds = {c.type for c in columns if c.stamp_ns.size}
+    for needed, what in ((cdr.IMU, "sensor_msgs/Imu"), (cdr.NAV_SAT_FIX, "sensor_msgs/NavSatFix")):
+        if needed not in kinds:
+            raise InputError(f"{bag}: no {what} topic with messages: nothing to fuse; "
+                             "record it, or name it with --topic")
+    noise = choose_noise(columns, model, parameters, str(bag))
+    return fuse_columns(columns, noise, parameters, str(bag), notes)
+
+
+def fuse_columns(
+    columns: Sequence[TopicColumns], noise: NavigationNoise, parameters: Parameters, source: str,
+    notes: Sequence[str] = (),
+) -> FuseResult:
+    """Fuse topics in the order of their times of reception."""
+    engine = Engine(noise, parameters)
+    rows = run(engine, columns)
+    status = engine.status()
+    origin = engine.origin
+    said = (f"noise model: {noise.source}", *notes, *status.notes)
+    if not engine.running or origin is None or not rows.stamp_ns.size:
+        reason = engine.fault or "; ".join((*status.notes, *notes)) or (
+            "no fix has a second of IMU samples before it and half a second after it")
+        raise InputError(f"{source}: the filter could not start: {reason}")
+    if engine.turns_too_fast():
+        raise InputError(
+            f"{source}: angular_velocity stays above 8 rad/s for a second or more: degrees per "
+            "second, perhaps; it must be rad/s")
+    solution = solve(rows.stamp_ns, rows.values, origin, parameters.lever_arm_m)
+    return FuseResult(solution, origin, status, engine, said)
+
+
+def run(engine: Engine, columns: Sequence[TopicColumns]) -> Rows:
+    """Feed everything in order of arrival; IMU samples between two other messages as one block."""
+    imu = next(c for c in columns if c.type == cdr.IMU)
+    aids = [c for c in columns if c.type in AIDS and c.stamp_ns.size]
+    arrived = np.maximum.accumulate(imu.log_ns)
+    events = sorted(
+        (int(np.searchsorted(arrived, log_ns, side="right")), int(log_ns), k, i)
+        for k, c in enumerate(aids)
+        for i, log_ns in enumerate(np.maximum.accumulate(c.log_ns))
+    )
+    parts: list[Rows] = []
+    begin = 0
+    for until, _, k, i in events:
+        if until > begin:
+            parts.append(feed(engine, cdr.IMU, _slice(imu, begin, until)))
+            begin = until
+        feed(engine, aids[k].type, _slice(aids[k], i, i + 1))
+    parts.append(feed(engine, cdr.IMU, _slice(imu, begin, imu.stamp_ns.size)))
+    return joined(parts)
+
+
+def _slice(columns: TopicColumns, begin: int, end: int) -> Decoded:
+    return Decoded(columns.stamp_ns[begin:end], columns.values[:, begin:end],
+                   np.ones(end - begin, dtype=bool), columns.frame_ids)
+
+
+def choose_noise(
+    columns: Sequence[TopicColumns], model: NoiseModel | None, parameters: Parameters, source: str
+) -> NavigationNoise:
+    """Choose a model: the one given, else of the leading still part, else stated defaults."""
+    turn_on = TurnOn(parameters.gyro_turn_on_rad_s, parameters.accel_turn_on_m_s2)
+    if model is not None:
+        return from_model(model, turn_on)
+    still_s, recording = leading_rest(columns, source)
+    if still_s < SHORTEST_STILL_S:
+        defaults = mems_defaults(turn_on)
+        return replace(defaults, notes=(
+            *defaults.notes,
+            f"no --model, and the platform rests for {still_s:.0f} s at the start (less than "
+            f"{SHORTEST_STILL_S:.0f}): values of a consumer MEMS IMU are used",
+        ))
+    found = identify_recording(recording)
+    noise = from_model(found.model, turn_on)
+    return replace(
+        noise, source=f"identified from the first {still_s:.0f} s, in which the platform rests")
+
+
+def leading_rest(columns: Sequence[TopicColumns], source: str) -> tuple[float, Recording]:
+    """How long the platform rests from the start, and the recording of that part.
+
+    The receiver's channels are in it only where it is long enough to show their colour.
+    """
+    recording = to_recording([c for c in columns if c.stamp_ns.size], source)
+    still_s = math.inf
+    for channel in recording.channels:
+        if channel.name.startswith(("angular_velocity", "linear_acceleration")):
+            moved = np.flatnonzero(~channel.still)
+            last = moved[0] - 1 if moved.size else channel.stamp_ns.size - 1
+            rest = (channel.stamp_ns[max(last, 0)] - channel.stamp_ns[0]) * 1e-9
+            still_s = min(still_s, float(rest))
+    if not math.isfinite(still_s):
+        return 0.0, recording
+    keep = tuple(
+        _head(c, still_s) for c in recording.channels
+        if still_s >= GNSS_STILL_S or not c.name.startswith(("position", "velocity"))
+    )
+    return still_s, replace(recording, channels=tuple(c for c in keep if c.stamp_ns.size > 100))
+
+
+def _head(channel: Channel, seconds: float) -> Channel:
+    count = int(np.searchsorted(channel.stamp_ns, channel.stamp_ns[0] + round(seconds * 1e9)))
+    return replace(channel, stamp_ns=channel.stamp_ns[:count], values=channel.values[:count],
+                   still=channel.still[:count])
+
+
+def fuse_tree(result: FuseResult) -> dict[str, Any]:
+    """``fuse/1``."""
+    s = result.status
+    latitude, longitude, altitude = result.origin
+    return {
+        "format": FORMAT,
+        "origin": {"latitude_deg": latitude, "longitude_deg": longitude, "altitude_m": altitude},
+        "imu_samples": s.imu_samples,
+        "fixes": {"used": s.used, "gated": s.gated, "late": s.late, "rejected": s.rejected},
+        "nis": {"mean": s.nis_mean, "dof": s.nis_dof, "lower": s.nis_lower, "upper": s.nis_upper},
+        "white": bool(s.white) if s.white is not None else None,
+        "gate": {"threshold": s.gate, "confidence": result.engine.parameters.gate_confidence},
+        "imu": {"duplicates": s.imu_duplicates, "out_of_order": s.imu_out_of_order,
+                "non_finite": s.imu_non_finite, "gaps": s.gaps, "gap_s": s.gap_s},
+        "velocities": {"used": s.velocity_used, "gated": s.velocity_gated},
+        "headings": {"used": s.heading_used, "gated": s.heading_gated},
+        "heading_known_s": s.heading_known_s, "still_updates": s.still_updates,
+        "gyro_bias_rad_s": {"value": s.gyro_bias, "sigma": s.gyro_bias_sigma},
+        "accel_bias_m_s2": {"value": s.accel_bias, "sigma": s.accel_bias_sigma},
+        "model": result.engine.noise.source,
+        "notes": list(result.notes),
+    }
+
+
+def write_result(result: FuseResult, folder: Path, told: Callable[[str], None]) -> None:
+    """Write ``filtered/`` and ``fuse.json``, each whole.
+
+    Raises
+    ------
+    InputError
+        When a file cannot be written.
+    """
+    stamp_ns = result.solution.stamp_ns
+    write_bag(folder / "filtered", [
+        TopicBytes(ODOMETRY_TOPIC, cdr.ODOMETRY, stamp_ns, odometry_messages(result.solution)),
+        TopicBytes(FIX_TOPIC, cdr.NAV_SAT_FIX, stamp_ns, fix_messages(result.solution)),
+    ])
+    told("filtered/")
+    write_json(fuse_tree(result), folder / "fuse.json")
+    told("fuse.json")
+
+
+def warm_up() -> None:
+    """Compile the filter, so that nobody waits for it later; the build calls this."""
+    engine = Engine(mems_defaults(), Parameters())
+    stamp_ns = np.arange(0, 5_000_000_000, 10_000_000, dtype=np.int64)
+    force = np.tile([0.0, 0.0, 9.81], (stamp_ns.size, 1))
+    zero = np.zeros((stamp_ns.size, 3))
+    for k in range(10):
+        part = slice(50 * k, 50 * (k + 1))
+        engine.add_imu(stamp_ns[part], zero[part], force[part])
+        at = int(stamp_ns[part][-1])
+        engine.add_fix(at, 47.0, 8.0, 400.0 + 0.01 * k, np.eye(3))
+        engine.add_fix(at - 300_000_000, 47.0, 8.0, 400.5 + 0.01 * k, np.eye(3))
+        engine.add_velocity(at, (0.0, 0.0, 0.0), np.eye(3))
+        engine.add_field(at, (2e-5, 0.0, -4e-5))
+    engine.status()
+    assert engine.origin is not None and engine.state().size > core.OUT_SIZE
