@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from imu_noise_id.bag_writer import TopicBytes, write_bag
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from imu_noise_id import cdr
-from imu_noise_id.bag_writer import TopicBytes, write_bag
 
 LATCHED = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PATIENCE_S = 60.0
@@ -101,7 +101,6 @@ class Listener:
         done = self.until(answered, f"an answer of {name}")
         self.node.destroy_client(client)
         return done[0].result()
-
 
 
 def write_still_bag(path: Path, duration_s: float, rate_hz: int, rng: np.random.Generator) -> Path:

@@ -1,8 +1,9 @@
 """What a live run must not lose, in one file.
 
 It holds, topic by topic, the buffered messages as columns (stamps, times of reception, values as
-received), so that a restarted run identifies what the first one would have.  A reader sees the old
-or the new whole file; nothing in it is ever executed.
+received) and the block averages of what the buffer has forgotten, so that a restarted run
+identifies what the first one would have.  A reader sees the old or the new whole file; nothing in
+it is ever executed.
 """
 
 from __future__ import annotations
@@ -11,23 +12,26 @@ import contextlib
 import os
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from imu_noise_id.cdr import LAYOUTS
 from imu_noise_id.columns import TopicColumns
 from imu_noise_id.errors import InputError
+from imu_noise_id.longrun import LongRun
 
 FORMAT = "checkpoint/1"
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Columns of the topics of a live run."""
+    """Buffered columns of the topics of a live run, and what was before them."""
 
     columns: tuple[TopicColumns, ...]
+    before: tuple[LongRun, ...] = ()
 
 
 def save_checkpoint(checkpoint: Checkpoint, path: Path | str) -> None:
@@ -43,6 +47,8 @@ def save_checkpoint(checkpoint: Checkpoint, path: Path | str) -> None:
     arrays: dict[str, np.ndarray] = {"format": np.array(FORMAT)}
     for k, columns in enumerate(checkpoint.columns):
         arrays |= _arrays(f"topic{k}", columns)
+    for k, run in enumerate(run for run in checkpoint.before if not run.empty):
+        arrays |= {f"before{k}.{f.name}": _array(getattr(run, f.name)) for f in fields(run)}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with open(temporary, "wb") as stream:
@@ -71,11 +77,32 @@ def load_checkpoint(path: Path | str) -> Checkpoint:
             if str(arrays["format"]) != FORMAT:
                 raise InputError(f"{path}: not a {FORMAT} file: name another or remove it")
             names = sorted({key.split(".")[0] for key in arrays if "." in key})
-            return Checkpoint(tuple(_columns(name, arrays) for name in names))
+            topics = tuple(_columns(n, arrays) for n in names if n.startswith("topic"))
+            runs = tuple(_run(n, arrays) for n in names if n.startswith("before"))
+            return Checkpoint(topics, runs)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(
             f"{path}: no checkpoint can be read from it ({error}): remove it or name another"
         ) from error
+
+
+def _array(value: object) -> np.ndarray:
+    if isinstance(value, frozenset):
+        return np.array(sorted(value), dtype=np.bytes_)
+    return np.asarray(value)
+
+
+def _run(name: str, arrays: np.lib.npyio.NpzFile) -> LongRun:
+    parts: dict[str, Any] = {f.name: arrays[f"{name}.{f.name}"] for f in fields(LongRun)}
+    for key, kind in (("topic", str), ("type", str), ("block_s", float), ("most", int)):
+        parts[key] = kind(parts[key])
+    for key in ("start_ns", "elapsed_ns", "newest_ns"):
+        parts[key] = int(parts[key])
+    parts["frame_ids"] = frozenset(parts["frame_ids"].tolist())
+    sums, counts, centre = parts["sums"], parts["counts"], parts["centre"]
+    if sums.shape != (centre.size, counts.size) or parts["type"] not in LAYOUTS:
+        raise ValueError(f"the averages of {name} do not fit {parts['type']}")
+    return LongRun(**parts)
 
 
 def _arrays(name: str, columns: TopicColumns) -> dict[str, np.ndarray]:

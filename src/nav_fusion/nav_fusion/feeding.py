@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from imu_noise_id.cdr import LAYOUTS, Decoded
 
 from imu_noise_id import cdr
-from imu_noise_id.cdr import LAYOUTS, Decoded
 from nav_fusion.engine import Engine, Rows
 
 _CLAIMED = 0

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from imu_noise_id.cdr import Bytes
 
 from imu_noise_id import cdr
-from imu_noise_id.cdr import Bytes
 from nav_fusion.solution import Solution
 
 ODOMETRY_TOPIC = "/odometry/filtered"

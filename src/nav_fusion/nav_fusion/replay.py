@@ -11,12 +11,13 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import BinaryIO
 
-from imu_noise_id import mcap_file, sqlite_file
 from imu_noise_id.bag_files import SQLITE_MAGIC, BagFiles, open_bag_files
 from imu_noise_id.bags import list_topics, ordered_map
 from imu_noise_id.errors import InputError
 from imu_noise_id.mcap_file import DamagedError, Span
 from imu_noise_id.topics import TopicInfo, listing
+
+from imu_noise_id import mcap_file, sqlite_file
 
 _BATCH = 512
 _READ_AHEAD = 2
@@ -111,9 +112,7 @@ def _chunk_reader(file: BinaryIO, names: dict[int, str]) -> Callable[[Span], lis
     return read
 
 
-def _sqlite_batches(
-    database: sqlite3.Connection, topics: Sequence[str]
-) -> Iterator[list[Message]]:
+def _sqlite_batches(database: sqlite3.Connection, topics: Sequence[str]) -> Iterator[list[Message]]:
     def one(topic_id: int, name: str) -> Iterator[Message]:
         for times, data in sqlite_file.messages(database, topic_id, None):
             for time, message in zip(times, data, strict=True):

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from imu_noise_id import cdr
 from imu_noise_id.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from imu_noise_id.columns import TopicColumns
 from imu_noise_id.errors import InputError
+
+from imu_noise_id import cdr
 
 
 def some(rng: np.random.Generator) -> Checkpoint:
@@ -17,7 +17,13 @@ def some(rng: np.random.Generator) -> Checkpoint:
         (
             TopicColumns("/imu", cdr.IMU, stamps, stamps + 1, rng.normal(size=(6, 100))),
             TopicColumns(
-                "/t", cdr.TEMPERATURE, stamps, stamps, rng.normal(size=(1, 100)), frozenset({b"a"}), 3
+                "/t",
+                cdr.TEMPERATURE,
+                stamps,
+                stamps,
+                rng.normal(size=(1, 100)),
+                frozenset({b"a"}),
+                3,
             ),
         )
     )
@@ -26,7 +32,8 @@ def some(rng: np.random.Generator) -> Checkpoint:
 def test_it_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     kept = some(np.random.default_rng(1))
     save_checkpoint(kept, tmp_path / "new" / "file")
-    for given, found in zip(kept.columns, load_checkpoint(tmp_path / "new" / "file").columns):
+    found_again = load_checkpoint(tmp_path / "new" / "file").columns
+    for given, found in zip(kept.columns, found_again, strict=True):
         assert (found.topic, found.type, found.invalid) == (given.topic, given.type, given.invalid)
         assert found.frame_ids == given.frame_ids
         assert np.array_equal(found.stamp_ns, given.stamp_ns)

@@ -1,11 +1,11 @@
 """The newest messages in bounded memory."""
 
 import numpy as np
-
-from imu_noise_id import cdr
 from imu_noise_id.cdr import Decoded, decode_batch, encode
 from imu_noise_id.columns import TopicColumns
 from imu_noise_id.rolling import BLOCK, RollingColumns
+
+from imu_noise_id import cdr
 
 
 def batch(stamp_ns: np.ndarray) -> Decoded:

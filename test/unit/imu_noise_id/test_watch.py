@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from imu_noise_id.cdr import Decoded
 from imu_noise_id.watch import StreamWatch
 
@@ -15,9 +14,7 @@ def watched(stamp_ns: np.ndarray, size: int, values: np.ndarray | None = None) -
     for begin in range(0, stamp_ns.size, size):
         part = slice(begin, begin + size)
         count = stamp_ns[part].size
-        decoded = Decoded(
-            stamp_ns[part], values[:, part], np.ones(count, dtype=bool), frozenset()
-        )
+        decoded = Decoded(stamp_ns[part], values[:, part], np.ones(count, dtype=bool), frozenset())
         watch.feed(decoded, START_NS + np.arange(begin, begin + count) * 10**7)
     return watch
 

@@ -10,15 +10,14 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from noise_msgs.msg import AllanCurve, NoiseModel
-from noise_msgs.srv import Identify, Reset
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from imu_noise_id.cdr import Decoded
 from imu_noise_id.checkpoint import load_checkpoint
-from imu_noise_id.columns import TopicColumns
 from imu_noise_id.live import Findings
+from imu_noise_id.longrun import LongRun
+from imu_noise_id.recording import Stamps
 from imu_noise_id.rolling import BLOCK, RollingColumns
 from imu_noise_id.ros.deferred import DeferredService, Reply
 from imu_noise_id.ros.diagnostics import array, status
@@ -28,6 +27,8 @@ from imu_noise_id.ros.runtime import run_node as spin_node
 from imu_noise_id.ros.stream import Stream
 from imu_noise_id.ros.worker import Answer, Job, Worker, work
 from imu_noise_id.topics import DEFAULTS
+from noise_msgs.msg import AllanCurve, NoiseModel
+from noise_msgs.srv import Identify, Reset
 
 SETTINGS = (
     *(
@@ -63,6 +64,7 @@ class IdentifyNode(Node):
         self._checkpoint = str(value(self, "checkpoint"))
         self._streams = self._open_streams()
         self._buffers = {k: self._buffer(s) for k, s in self._streams.items()}
+        self._before = {k: self._long_run(s) for k, s in self._streams.items()}
         self._resume()
         self._worker = Worker()
         self._waiting: deque[tuple[Identify.Request, Identify.Response, Reply]] = deque()
@@ -89,7 +91,7 @@ class IdentifyNode(Node):
         self._receive()
         self._worker.close()
         if self._checkpoint and any(b.size for b in self._buffers.values()):
-            answer = work(Job(self._columns(), checkpoint=self._checkpoint, identify=False))
+            answer = work(self._job(None, self._checkpoint, False))
             if answer.checkpoint_problem:
                 self.get_logger().error(answer.checkpoint_problem)
 
@@ -104,12 +106,26 @@ class IdentifyNode(Node):
             receiver.topic, receiver.type, value(self, "buffer_s"), value(self, "buffer_samples")
         )
 
+    def _long_run(self, stream: Stream) -> LongRun:
+        return LongRun(stream.receiver.topic, stream.receiver.type)
+
+    def _forget(self, kind: str) -> int:
+        """Begin anew with a sensor; return how many samples were buffered."""
+        stream, size = self._streams[kind], self._buffers[kind].size
+        self._buffers[kind] = self._buffer(stream)
+        self._before[kind] = self._long_run(stream)
+        stream.reset()
+        return size
+
     def _resume(self) -> None:
         """Fill the buffers from the checkpoint, where there is one."""
         if not self._checkpoint or not Path(self._checkpoint).exists():
             return
-        kept = {c.topic: c for c in load_checkpoint(self._checkpoint).columns}
-        for stream, buffer in zip(self._streams.values(), self._buffers.values(), strict=True):
+        checkpoint = load_checkpoint(self._checkpoint)
+        kept = {c.topic: c for c in checkpoint.columns}
+        before = {(run.topic, run.type): run for run in checkpoint.before}
+        for kind, buffer in self._buffers.items():
+            self._before[kind] = before.get((buffer.topic, buffer.type), self._before[kind])
             columns = kept.get(buffer.topic)
             if columns is None or columns.type != buffer.type:
                 continue
@@ -122,9 +138,9 @@ class IdentifyNode(Node):
                     np.ones(size, dtype=bool),
                     columns.frame_ids,
                 )
-                self._keep(buffer, decoded, columns.log_ns[part])
+                self._keep(kind, decoded, columns.log_ns[part])
             self.get_logger().info(
-                f"{stream.receiver.topic}: {buffer.size} samples resumed from {self._checkpoint}"
+                f"{buffer.topic}: {buffer.size} samples resumed from {self._checkpoint}"
             )
 
     def _drain(self) -> None:
@@ -139,15 +155,18 @@ class IdentifyNode(Node):
         for kind, stream in self._streams.items():
             batch = stream.take()
             if batch is not None:
-                self._keep(self._buffers[kind], *batch)
+                self._keep(kind, *batch)
 
-    def _keep(self, buffer: RollingColumns, decoded: Decoded, log_ns: Any) -> None:
+    def _keep(self, kind: str, decoded: Decoded, log_ns: Stamps) -> None:
+        """Buffer samples; what no longer fits goes into the block averages."""
+        buffer = self._buffers[kind]
         buffer.append(decoded, log_ns)
         while buffer.full:
-            buffer.forget()
+            self._before[kind].feed(buffer.forget())
 
-    def _columns(self) -> tuple[TopicColumns, ...]:
-        return tuple(buffer.columns() for buffer in self._buffers.values())
+    def _job(self, last_s: float | None, checkpoint: str, identify: bool) -> Job:
+        columns = tuple(buffer.columns() for buffer in self._buffers.values())
+        return Job(columns, last_s, checkpoint, identify, tuple(self._before.values()))
 
     def _start(self) -> None:
         """Give the worker what is due: a request, a model, a checkpoint."""
@@ -164,7 +183,7 @@ class IdentifyNode(Node):
         if keep:
             self._next_checkpoint_s = now + value(self, "checkpoint_period_s")
         checkpoint = self._checkpoint if keep else ""
-        self._worker.submit(Job(self._columns(), last_s, checkpoint, bool(asked or due)))
+        self._worker.submit(self._job(last_s, checkpoint, bool(asked or due)))
 
     def _finish(self, answer: Answer) -> None:
         """Publish what the worker found; answer who asked for it."""
@@ -212,9 +231,7 @@ class IdentifyNode(Node):
         for kind, stream in self._streams.items():
             if request.topics and stream.receiver.topic not in request.topics:
                 continue
-            forgotten += self._buffers[kind].size
-            self._buffers[kind] = self._buffer(stream)
-            stream.reset()
+            forgotten += self._forget(kind)
         response.success = True
         response.message = f"{forgotten} samples of {', '.join(request.topics or topics)} forgotten"
         return response
@@ -228,8 +245,7 @@ class IdentifyNode(Node):
         statuses = []
         for kind, stream in self._streams.items():
             if stream.receiver.look():
-                self._buffers[kind] = self._buffer(stream)
-                stream.reset()
+                self._forget(kind)
             if kind != "imu" and not (stream.receiver.publishers or stream.watch.received):
                 continue
             found = stream.status(self.get_name(), now_ns)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from noise_msgs import msg as noise
 
+from imu_noise_id.cca import Cca
 from imu_noise_id.effects import CATALOGUE
 from imu_noise_id.live import ChannelFindings, Findings
 from imu_noise_id.model import (
@@ -22,6 +22,7 @@ from imu_noise_id.model import (
     UpperBound,
 )
 from imu_noise_id.recording import Floats
+from noise_msgs import msg as noise
 
 FORMAT = "model/1"
 
@@ -75,9 +76,7 @@ def allan_messages(found: Findings) -> list[noise.AllanCurve]:
 def model_message(found: Findings) -> noise.NoiseModel:
     """Return the model of a live run with the span that it describes."""
     details = {channel.name: channel for channel in found.channels}
-    span = noise.StateSpan(
-        from_s=found.span.from_s, to_s=found.span.to_s, reason=found.span.what
-    )
+    span = noise.StateSpan(from_s=found.span.from_s, to_s=found.span.to_s, reason=found.span.what)
     message = noise.NoiseModel(
         format=FORMAT,
         source=found.model.source,
@@ -123,7 +122,11 @@ def _channel(model: ChannelModel, found: ChannelFindings) -> noise.ChannelModel:
         effects=[_effect(fitted) for fitted in model.effects],
         bounds=[
             noise.UpperBound(
-                effect=b.name, parameter=b.parameter, upper=finite(b.upper), unit=b.unit, note=b.note
+                effect=b.name,
+                parameter=b.parameter,
+                upper=finite(b.upper),
+                unit=b.unit,
+                note=b.note,
             )
             for b in model.bounds
         ],
@@ -182,9 +185,35 @@ def _quality(found: ChannelFindings) -> noise.ChannelQuality:
     )
 
 
-def _transfer_function(cca: Any) -> noise.TransferFunction:
-    response = cca.response
-    return noise.TransferFunction(method=cca.method, order=response.order)
+def _transfer_function(cca: Cca) -> noise.TransferFunction:
+    """Return the shaping filter; poles and zeros are those of H(z)."""
+    poles, zeros = np.roots(cca.H_z.denominator), np.roots(cca.H_z.numerator)
+    message = noise.TransferFunction(
+        method=cca.method,
+        order=cca.order,
+        canonical_correlations=_flat(cca.canonical_correlations),
+        chance_level=finite(cca.chance_level),
+        significant=bool(cca.significant),
+        z_numerator=_flat(cca.H_z.numerator),
+        z_denominator=_flat(cca.H_z.denominator),
+        sample_time_s=finite(cca.H_z.sample_time_s),
+        poles_real=_flat(poles.real),
+        poles_imag=_flat(poles.imag),
+        zeros_real=_flat(zeros.real),
+        zeros_imag=_flat(zeros.imag),
+        minimum_phase=bool(cca.minimum_phase),
+        times_known=cca.settling_time_s is not None and cca.rise_time_s is not None,
+        settling_time_s=finite(cca.settling_time_s),
+        rise_time_s=finite(cca.rise_time_s),
+        bandwidth_rise_hz=finite(cca.bandwidth_rise_hz),
+        bandwidth_3db_known=cca.bandwidth_3db_hz is not None,
+        bandwidth_3db_hz=finite(cca.bandwidth_3db_hz),
+        innovation_variance=finite(cca.innovation_variance),
+    )
+    if cca.H_s is not None:
+        message.s_numerator = _flat(cca.H_s.numerator)
+        message.s_denominator = _flat(cca.H_s.denominator)
+    return message
 
 
 def _flat(matrix: Floats) -> list[float]:

@@ -20,7 +20,10 @@ from imu_noise_id.errors import InputError
 
 _WAKE_S = 0.05
 BAD_INPUT = 2
-BAD_ARGUMENTS = (rclpy_implementation.RCLInvalidROSArgsError, rclpy_implementation.UnknownROSArgsError)
+BAD_ARGUMENTS = (
+    rclpy_implementation.RCLInvalidROSArgsError,
+    rclpy_implementation.UnknownROSArgsError,
+)
 
 
 def make_executor() -> Executor:

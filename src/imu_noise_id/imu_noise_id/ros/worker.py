@@ -14,6 +14,7 @@ from imu_noise_id.checkpoint import Checkpoint, save_checkpoint
 from imu_noise_id.columns import TopicColumns
 from imu_noise_id.errors import InputError
 from imu_noise_id.live import Findings, identify_columns
+from imu_noise_id.longrun import LongRun
 
 _NICE = 5
 
@@ -30,12 +31,15 @@ class Job:
         File to keep the columns in first; empty: none.
     identify : bool
         False: only the checkpoint.
+    before : tuple of LongRun
+        What the buffers have forgotten.
     """
 
     columns: tuple[TopicColumns, ...]
     last_s: float | None = None
     checkpoint: str = ""
     identify: bool = True
+    before: tuple[LongRun, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -118,12 +122,12 @@ def work(job: Job) -> Answer:
     found = None
     if job.checkpoint:
         try:
-            save_checkpoint(Checkpoint(job.columns), job.checkpoint)
+            save_checkpoint(Checkpoint(job.columns, job.before), job.checkpoint)
         except InputError as error:
             checkpoint_problem = str(error)
     if job.identify:
         try:
-            found = identify_columns(job.columns, job.last_s)
+            found = identify_columns(job.columns, job.last_s, job.before)
         except InputError as error:
             problem = str(error)
     return Answer(found, problem, checkpoint_problem)

@@ -11,13 +11,6 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from nav_msgs.msg import Odometry
-from noise_msgs.msg import FilterStatus, NoiseModel
-from noise_msgs.srv import Reset
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import NavSatFix
-
 from imu_noise_id.cdr import Decoded
 from imu_noise_id.errors import InputError
 from imu_noise_id.model_file import load_model
@@ -26,6 +19,11 @@ from imu_noise_id.ros.messages import to_model, to_time
 from imu_noise_id.ros.parameters import declare, refuse_non_finite
 from imu_noise_id.ros.runtime import run_node as spin_node
 from imu_noise_id.ros.stream import Stream
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import NavSatFix
+
 from nav_fusion.engine import Engine, Rows
 from nav_fusion.feeding import feed
 from nav_fusion.noise import NavigationNoise, TurnOn, from_model, mems_defaults
@@ -39,6 +37,8 @@ from nav_fusion.ros.settings import AIDS, SETTINGS, filter_parameters
 from nav_fusion.ros.status import filter_status
 from nav_fusion.ros.transform import transform_sender
 from nav_fusion.solution import solve
+from noise_msgs.msg import FilterStatus, NoiseModel
+from noise_msgs.srv import Reset
 
 _DRAIN_S = 0.02
 _STAMP = struct.Struct("<iI")
@@ -73,7 +73,10 @@ class FuseNode(Node):
         self._status = self.create_publisher(FilterStatus, "~/status", 10)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._send_transforms = transform_sender(
-            self, self._values["publish_tf"], self._values["world_frame"], self._values["body_frame"]
+            self,
+            self._values["publish_tf"],
+            self._values["world_frame"],
+            self._values["body_frame"],
         )
         self._streams = self._open_streams()
         self._listen_for_model()

@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import rclpy
+from imu_noise_id.errors import InputError
+from imu_noise_id.ros.messages import to_time
+from imu_noise_id.ros.runtime import Stop, message_class
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -16,9 +19,6 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
-from imu_noise_id.errors import InputError
-from imu_noise_id.ros.messages import to_time
-from imu_noise_id.ros.runtime import Stop, message_class
 from nav_fusion.replay import Timetable, choose, read_messages
 
 _DEPTH = 5000
@@ -98,7 +98,8 @@ class Player:
     def finish(self) -> bool:
         """Wait until all reliable subscribers have everything; say whether they do."""
         timeout = Duration(seconds=_ACKNOWLEDGED_S)
-        return all([p.wait_for_all_acked(timeout) for p in self._publishers.values()])
+        acknowledged = [p.wait_for_all_acked(timeout) for p in self._publishers.values()]
+        return all(acknowledged)
 
 
 def _publishers(node: Node, types: Mapping[str, str]) -> dict[str, Publisher]:

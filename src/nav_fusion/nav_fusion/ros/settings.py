@@ -1,4 +1,4 @@
-"""Parameters of the ``fuse`` node: the filter's own, with their units and ranges, and the node's."""
+"""Parameters of the ``fuse`` node: the filter's own, with units and ranges, and the node's."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 from imu_noise_id.errors import InputError
 from imu_noise_id.ros.parameters import Setting
 from imu_noise_id.topics import DEFAULTS
+
 from nav_fusion.parameters import RANGES, Parameters
 from nav_fusion.published import BODY_FRAME, WORLD_FRAME
 
@@ -30,7 +31,9 @@ NODE = (
     ),
     Setting("model_topic", "/identify/model", "noise model of identify; empty: not used"),
     Setting("model_file", "", "model.yaml; goes before model_topic"),
-    Setting("model_wait_s", 2.0, "how long to wait for model_topic before the defaults, s", 0.0, 600.0),
+    Setting(
+        "model_wait_s", 2.0, "how long to wait for model_topic before the defaults, s", 0.0, 600.0
+    ),
     Setting("queue_depth", 5000, "messages that may wait for this node, a topic", 200, 100_000),
     Setting("world_frame", WORLD_FRAME, "frame of the odometry, east-north-up (REP 105)"),
     Setting("body_frame", BODY_FRAME, "frame of the body, whose axes mounting_rpy_rad gives"),

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from noise_msgs.msg import FilterStatus
+from imu_noise_id.ros.messages import finite
 from scipy.stats import chi2
 
-from imu_noise_id.ros.messages import finite
 from nav_fusion import observe
 from nav_fusion.engine import Engine
+from noise_msgs.msg import FilterStatus
 
 _FIX_DOF = 3
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from geometry_msgs.msg import TransformStamped
+from imu_noise_id.ros.messages import to_time
 from rclpy.node import Node
 
-from imu_noise_id.ros.messages import to_time
 from nav_fusion.solution import Solution
 
 
