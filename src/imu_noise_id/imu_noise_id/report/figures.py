@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike
 from imu_noise_id.allan import AllanCurve
 from imu_noise_id.recording import Floats
 from imu_noise_id.report.curves import Envelope, Part
-from imu_noise_id.report.plot import Axis, Layer, Plot
+from imu_noise_id.report.plot import INK, Axis, Layer, Plot
 from imu_noise_id.spectrum import Spectrum
 
 MODEL = "#e8590c"
-SECOND_MODEL = "#2f7ed8"
+SECOND_MODEL = INK
 MUTED = "#8a94a3"
 ALARM = "#e03131"
 PALETTE = ("#2f7ed8", "#e8590c", "#2b9a66", "#a259c4", "#c79a00", "#d6457a", "#12a5a5", "#8a6d3b")
@@ -193,7 +193,7 @@ def bode_figure(frequency_hz: Floats, gain_db: Floats, phase_deg: Floats) -> Plo
         "line",
         {"x": frequency_hz, "y": phase_deg},
         "phase",
-        SECOND_MODEL,
+        PALETTE[0],
         "dashed",
         width=1.8,
         hover=(("frequency", "@x{0.0000a} Hz"), ("phase", "@y{0.0} deg")),
@@ -215,7 +215,7 @@ def pole_zero_figure(poles: ArrayLike, zeros: ArrayLike) -> Plot:
     hover = (("real", "@x{0.000000}"), ("imaginary", "@y{0.000000}"))
     for points, marker, label, colour in (
         (np.atleast_1d(np.asarray(poles, complex)), "x", "pole", MODEL),
-        (np.atleast_1d(np.asarray(zeros, complex)), "ring", "zero", SECOND_MODEL),
+        (np.atleast_1d(np.asarray(zeros, complex)), "ring", "zero", PALETTE[0]),
     ):
         data = {"x": points.real, "y": points.imag}
         layers.append(
@@ -233,7 +233,7 @@ def scatter_figure(east_m: Floats, north_m: Floats, ellipses: Sequence[tuple[str
         x, y = ellipse(covariance)
         dash = ("solid", "dashed")[k % 2]
         layers.append(
-            Layer("line", {"x": x, "y": y}, label, (MODEL, "ink")[k % 2], dash, width=2.4)
+            Layer("line", {"x": x, "y": y}, label, (MODEL, INK)[k % 2], dash, width=2.4)
         )
     return Plot(
         Axis("east of the mean (m)"),

@@ -106,10 +106,18 @@ def _validation(series: Series, cca: Cca, unit: str) -> Figure:
 
 
 def _grid(cca: Cca) -> Floats:
-    nyquist_hz = 0.5 / cca.H_z.sample_time_s
-    slowest = float(np.min(np.abs(np.log(np.abs(cca.H_z.poles)))))
-    corner_hz = max(slowest / cca.H_z.sample_time_s / (2.0 * np.pi), 1e-6 * nyquist_hz)
-    return np.geomspace(min(corner_hz / 30.0, nyquist_hz / 100.0), 0.999 * nyquist_hz, CURVE_POINTS)
+    """Frequencies from well below the slowest pole to half the rate, dense at resonances."""
+    dt = cca.H_z.sample_time_s
+    nyquist_hz = 0.5 / dt
+    decay = np.maximum(np.abs(np.log(np.abs(cca.H_z.poles))), 1e-9)
+    corner_hz = max(float(np.min(decay)) / dt / (2.0 * np.pi), 1e-6 * nyquist_hz)
+    low_hz = min(corner_hz / 30.0, nyquist_hz / 100.0)
+    parts = [np.geomspace(low_hz, 0.999 * nyquist_hz, CURVE_POINTS)]
+    for pole, rate in zip(cca.H_z.poles, decay, strict=True):
+        centre_hz, width_hz = abs(np.angle(pole)) / dt / (2.0 * np.pi), rate / dt / (2.0 * np.pi)
+        parts.append(centre_hz + width_hz * np.sinh(np.linspace(-8.0, 8.0, 81)))
+    grid = np.unique(np.concatenate(parts))
+    return grid[(grid >= low_hz) & (grid < nyquist_hz)]
 
 
 def _bode(cca: Cca) -> Figure:

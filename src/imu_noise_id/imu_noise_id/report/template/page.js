@@ -22,8 +22,10 @@
     return axis.low === null ? undefined : new Bokeh.Range1d({ start: axis.low, end: axis.high });
   }
 
+  const shown = (colour) => (colour === "ink" ? palette(dark.matches).ink : colour);
+
   function glyph(figure, layer, source) {
-    const colour = layer.colour === "ink" ? palette(dark.matches).ink : layer.colour;
+    const colour = shown(layer.colour);
     const more = layer.second ? { y_range_name: "second" } : {};
     const x = { field: "x" }, y = { field: "y" }, low = { field: "low" }, high = { field: "high" };
     const stroke = { line_color: colour, line_width: layer.width, line_dash: layer.dash,
@@ -50,12 +52,12 @@
     if (layer.kind === "guide") {
       for (const location of columns.x) {
         figure.add_layout(new Bokeh.Span({ location, dimension: "height",
-          line_color: layer.colour, line_dash: layer.dash, line_width: layer.width }));
+          line_color: shown(layer.colour), line_dash: layer.dash, line_width: layer.width }));
       }
     } else {
       columns.low.forEach((left, k) => figure.add_layout(new Bokeh.BoxAnnotation({ left,
-        right: columns.high[k], fill_color: layer.colour, fill_alpha: layer.alpha,
-        line_color: layer.colour, line_alpha: 0.5 })));
+        right: columns.high[k], fill_color: shown(layer.colour), fill_alpha: layer.alpha,
+        line_color: shown(layer.colour), line_alpha: 0.5 })));
     }
   }
 
@@ -69,7 +71,7 @@
       const data = Object.fromEntries(
         Object.entries(layer.data).map(([name, text]) => [name, unpack(text)]));
       const renderer = glyph(figure, layer, new Bokeh.ColumnDataSource({ data }));
-      if (layer.colour === "ink") for (const g of [renderer.glyph]) g.tags = ["ink"];
+      if (layer.colour === "ink") renderer.glyph.tags = ["ink"];
       if (layer.hover.length > 0) {
         figure.add_tools(new Bokeh.HoverTool({ renderers: [renderer], tooltips: layer.hover,
           visible: false }));
