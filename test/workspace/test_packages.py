@@ -1,7 +1,7 @@
 """What only a machine with apt's ROS runs (rosdep, launch, /opt/ros) is checked by its structure.
 
 Not run here: `rosdep install`, `ros2 launch` and a build on /opt/ros/jazzy.  Checked instead: every
-executable, package, parameter and file that they name exists.
+executable, package and file that they name exists (parameters: test_parameter_files.py).
 """
 
 from __future__ import annotations
@@ -14,13 +14,11 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
-import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ["noise_msgs", "imu_noise_id", "nav_fusion"]
 PYTHON_PACKAGES = PACKAGES[1:]
 LAUNCH_FILES = sorted(ROOT.glob("src/*/launch/*.launch.py"))
-PARAMETER_FILES = sorted(ROOT.glob("src/*/config/*.yaml"))
 
 # what is imported under another name than the one that rosdep knows (checked against the rosdep
 # database of ros/rosdistro); mcap and rosbags bring zstandard and lz4, which have no key
@@ -64,6 +62,13 @@ def imported(path: Path) -> set[str]:
     return names
 
 
+def by_name(path: Path) -> set[str]:
+    """Return the packages that a file names as text: "sensor_msgs/msg/Imu", find_spec("bokeh")."""
+    text = path.read_text()
+    types = re.findall(r"\b([a-z_]+_msgs)/(?:msg/)?[A-Z]", text)
+    return {*types, *re.findall(r'find_spec\("(\w+)"\)', text)}
+
+
 def commands(package: str) -> list[str]:
     listed = re.search(r"commands = \[(.*)\]", (ROOT / "src" / package / "setup.py").read_text())
     assert listed is not None
@@ -91,7 +96,7 @@ def test_every_import_is_a_declared_dependency(package: str):
 
 @pytest.mark.parametrize("package", PYTHON_PACKAGES)
 def test_every_declared_dependency_is_used(package: str):
-    used = set().union(*(imported(path) for path in sources(package)))
+    used = set().union(*(imported(path) | by_name(path) for path in sources(package)))
     keys = {ROSDEP_KEYS.get(name, name) for name in used} | {"launch", "launch_ros"}
     assert named(package, "depend", "exec_depend") - keys == set()
 
@@ -155,7 +160,7 @@ def cmake(root: Path) -> str:
     return (root / "src/noise_msgs/CMakeLists.txt").read_text()
 
 
-# ------------------------------------------------------------------------------- launch, parameters
+# --------------------------------------------------------------------------------------- launch
 
 
 def calls(path: Path, name: str) -> list[dict[str, ast.expr]]:
@@ -201,16 +206,3 @@ def test_launch_arguments_are_described_and_used(path: Path):
     assert sorted(set(strings(path, "LaunchConfiguration"))) == sorted(declared)
     for argument in calls(path, "DeclareLaunchArgument"):
         assert len(str(ast.literal_eval(argument["description"]))) > 10
-
-
-@pytest.mark.parametrize("path", PARAMETER_FILES, ids=lambda path: path.name)
-def test_every_parameter_is_explained_and_known_to_its_node(path: Path):
-    document = yaml.safe_load(path.read_text())
-    ((_, node),) = document.items()
-    ros = path.parents[1] / path.parents[1].name / "ros"
-    code = "\n".join(source.read_text() for source in ros.glob("*.py"))
-    lines = path.read_text().splitlines()
-    for name in node["ros__parameters"]:
-        assert re.search(rf"\b{name}\b", code), f"{name} is not in {ros}"
-        (line,) = (i for i, text in enumerate(lines) if text.strip().startswith(f"{name}:"))
-        assert "#" in lines[line] or lines[line - 1].lstrip().startswith("#"), f"{name}: no comment"
