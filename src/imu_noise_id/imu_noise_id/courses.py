@@ -18,7 +18,7 @@ from imu_noise_id.recording import Floats
 from imu_noise_id.selection import prune, select, worth
 from imu_noise_id.whittle import Fit, fit
 
-PRICE = 10.0
+PRICE = 12.0
 MOST_STEPS = 3
 SCAN = 2**16
 ROUNDS = 3
@@ -119,7 +119,7 @@ def _worth(explained: Explained) -> float:
 
 
 def _step_price(n: int) -> float:
-    """Price of a step: 10 and the search over its time, log of the places at each of two sides."""
+    """Price of a step: that of a course and the search over its time, log of the places at each of two sides."""
     return PRICE + 2.0 * float(np.log(min(n, SCAN)))
 
 

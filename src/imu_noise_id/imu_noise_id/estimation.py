@@ -26,6 +26,7 @@ SEED = 952
 SMOOTH_DRAWS = 2
 SMOOTH = tuple(kind for kind in SOURCES if kind.name != "narrow_band")
 LINE_DOF = 3.0
+SKIRT = 0.15
 
 
 @dataclass(frozen=True)
@@ -157,16 +158,34 @@ def _analyse(
     coefficients = cosine_coefficients(values)
     grid = ordinates(coefficients, sample_time_s)
     base = select(without_peaks(grid), floor, (), SMOOTH)
-    level = level_without_lines(grid, base.spectrum.psd)
-    lines, wide = find_lines(coefficients, grid, level)
-    if lines:
-        course = sum(line.course(values.size, sample_time_s) for line in lines)
-        coefficients = cosine_coefficients(values - course)
-    if lines or wide:
-        grid = ordinates(coefficients, sample_time_s, wide)
-    grid = _spent(grid, lines, share)
-    fitted = select(grid, floor, base.effects)
-    return Analysis(lines, explain(coefficients, fitted, start_s, temperature, wide))
+    lines, wide = find_lines(coefficients, grid, level_without_lines(grid, base.spectrum.psd))
+    clear = tuple(line for line in lines if _apart(line, wide))
+    grid, rest = _without_lines(values, sample_time_s, clear, wide)
+    fitted = select(_spent(grid, clear, share), floor, base.effects)
+    if wide:
+        level = level_without_lines(grid, fitted.spectrum.psd)
+        more, _ = find_lines(rest, grid, level)
+        if more:
+            clear = (*clear, *more)
+            grid, rest = _without_lines(values, sample_time_s, clear, wide)
+            fitted = select(_spent(grid, clear, share), floor, fitted.effects)
+    return Analysis(clear, explain(rest, fitted, start_s, temperature, wide))
+
+
+def _apart(line: Line, wide: tuple[float, ...]) -> bool:
+    """Whether no wide peak is near whose skirts could be taken for the line."""
+    return all(abs(line.frequency_hz / peak - 1.0) > SKIRT for peak in wide)
+
+
+def _without_lines(
+    values: Floats, sample_time_s: float, lines: tuple[Line, ...], wide: tuple[float, ...]
+) -> tuple[Ordinates, Floats]:
+    """Ordinates and DCT-II of a record less its lines."""
+    rest = values
+    for line in lines:
+        rest = rest - line.course(values.size, sample_time_s)
+    coefficients = cosine_coefficients(rest)
+    return ordinates(coefficients, sample_time_s, wide), coefficients
 
 
 def _spent(grid: Ordinates, lines: tuple[Line, ...], share: float) -> Ordinates:

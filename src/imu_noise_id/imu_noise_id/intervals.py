@@ -7,22 +7,12 @@ from scipy import stats
 
 from imu_noise_id.model import Estimate, FittedEffect
 from imu_noise_id.recording import Floats
-from imu_noise_id.whittle import Fit, fit, parameter_vector, with_parameters
+from imu_noise_id.whittle import Fit, fit, log_covariance, parameter_vector, with_parameters
 
 QUANTILE = float(stats.norm.ppf(0.975))
 DROP = 0.5 * QUANTILE**2
 ONE_SIDED_DROP = 0.5 * float(stats.norm.ppf(0.95)) ** 2
 PROFILE_FROM = 0.30
-
-
-def log_covariance(fitted: Fit) -> Floats:
-    """Inverse information of the log parameters, (p, p); huge where nothing is known."""
-    J = fitted.information
-    scale = np.sqrt(np.maximum(np.diag(J), 1e-12))
-    correlation = J / np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(correlation)
-    inverse = (vectors / np.maximum(values, 1e-10)) @ vectors.T
-    return np.asarray(inverse / np.outer(scale, scale))
 
 
 def estimates(fitted: Fit, unit: str) -> tuple[tuple[FittedEffect, ...], Floats]:

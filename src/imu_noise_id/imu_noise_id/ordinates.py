@@ -19,6 +19,8 @@ SINGLE = 128
 LOG_WIDTH = 0.02
 LINEAR_FROM_HZ = 5.0
 LINEAR_WIDTH_HZ = 0.1
+LEAST_SCORE = 3.0
+"""Score statistic below which a fit with the effect added is not tried."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from imu_noise_id.effects.rate_random_walk import RateRandomWalk
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.ordinates import Ordinates
 from imu_noise_id.recording import Floats
-from imu_noise_id.whittle import Fit, fit, log_likelihood
+from imu_noise_id.whittle import Fit, fit, log_covariance, log_likelihood
 
 PRICE = {
     "white_noise": 10.0,
@@ -32,7 +32,9 @@ PRICE = {
     "averaging": 12.0,
     "bandwidth_limit": 18.0,
 }
-MOST = {"gauss_markov": 3, "narrow_band": 8}
+MOST = {"gauss_markov": 3, "narrow_band": 6}
+STRENGTHS = ("density", "coefficient", "sigma")
+LEAST_GAIN = 0.1
 SLOW: tuple[type[StochasticEffect], ...] = (RateRandomWalk, BiasInstability, GaussMarkov)
 SOURCES: tuple[type[StochasticEffect], ...] = (*SLOW, Quantization, NarrowBand)
 RESPONSES: tuple[type[ResponseEffect], ...] = (Averaging, BandwidthLimit)
@@ -77,12 +79,12 @@ def select(
     best = fit(start or (white_start(ordinates),), ordinates, floor)
     for _ in range(20):
         grown = _grow(best, sources)
-        if worth(grown) <= worth(best) + 1e-3:
+        if worth(grown) <= worth(best) + LEAST_GAIN:
             grown = _swap(best)
-        if worth(grown) <= worth(best) + 1e-3:
-            return best
+        if worth(grown) <= worth(best) + LEAST_GAIN:
+            break
         best = prune(grown)
-    return best
+    return fit(best.effects, ordinates, floor)
 
 
 def _may_have(effects: tuple[Effect, ...], kind: type[StochasticEffect]) -> bool:
@@ -114,7 +116,7 @@ def _response_starts(current: Fit) -> list[ResponseEffect]:
             gain = log_likelihood(level * psd, ordinates) - current.log_likelihood
             ranked.append((gain, start))
         ranked.sort(key=lambda item: -item[0])
-        found += [start for gain, start in ranked[:2] if gain > -20.0]
+        found += [start for gain, start in ranked[:2] if gain > -5.0]
     return found
 
 
@@ -124,7 +126,7 @@ def _shaped(current: Fit, response: ResponseEffect) -> Floats:
 
 
 def _refit(current: Fit, effects: tuple[Effect, ...]) -> Fit:
-    return fit(effects, current.ordinates, current.floor)
+    return fit(effects, current.ordinates, current.floor, rough=True)
 
 
 def _without(current: Fit, index: int) -> tuple[Effect, ...]:
@@ -136,14 +138,29 @@ def prune(current: Fit) -> Fit:
     while len(current.effects) > LEAST_EFFECTS:
         fewer = [
             _refit(current, _without(current, i))
-            for i in range(len(current.effects))
-            if _leaves_a_source(current, i)
+            for i, sure in enumerate(_beyond_doubt(current))
+            if not sure and _leaves_a_source(current, i)
         ]
-        best = max(fewer, key=worth, default=current)
+        if not fewer:
+            break
+        best = max(fewer, key=worth)
         if worth(best) < worth(current):
             break
         current = best
     return current
+
+
+def _beyond_doubt(current: Fit) -> list[bool]:
+    """Whether each effect's strength is known far better than its price asks (Wald's test)."""
+    covariance = log_covariance(current)
+    out, used = [], 0
+    for effect in current.effects:
+        free = effect.free()
+        at = [used + i for i, name in enumerate(free) if name in STRENGTHS]
+        used += len(free)
+        known = min((4.0 * covariance[i, i] for i in at), default=np.inf)
+        out.append(bool(known * 4.0 * PRICE[effect.name] < 1.0))
+    return out
 
 
 def _leaves_a_source(current: Fit, index: int) -> bool:

@@ -19,8 +19,10 @@ from imu_noise_id.ordinates import Ordinates, Residual
 from imu_noise_id.recording import Floats
 
 MAX_STEP = 2.0
-MAX_ITERATIONS = 80
+MAX_ITERATIONS = 60
 TOLERANCE = 1e-5
+ROUGH_ITERATIONS = 25
+ROUGH_TOLERANCE = 0.02
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,16 @@ class Fit:
 def information(tangent: Floats, dof: Floats) -> Floats:
     """J = 1/2 sum nu dlogS dlogS', (p, p)."""
     return np.asarray((tangent * (0.5 * dof)) @ tangent.T)
+
+
+def log_covariance(fitted: Fit) -> Floats:
+    """Inverse information of the log parameters, (p, p); huge where nothing is known."""
+    J = fitted.information
+    scale = np.sqrt(np.maximum(np.diag(J), 1e-12))
+    correlation = J / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(correlation)
+    inverse = (vectors / np.maximum(values, 1e-10)) @ vectors.T
+    return np.asarray(inverse / np.outer(scale, scale))
 
 
 def spectrum_of(
@@ -139,6 +151,7 @@ def fit(
     ordinates: Ordinates,
     floor: float = 0.0,
     held: tuple[int, ...] = (),
+    rough: bool = False,
 ) -> Fit:
     """Maximise the likelihood from the given values.
 
@@ -151,6 +164,8 @@ def fit(
         Known white spectrum beneath everything.
     held : tuple of int
         Log parameters that stay where they are (for profiles).
+    rough : bool
+        Stop where 0.02 nats are left to gain, for trials.
 
     Returns
     -------
@@ -164,9 +179,10 @@ def fit(
     effects = with_parameters(effects, theta)
     spectrum, value = _evaluate(effects, ordinates, floor)
     damping = 1e-3
-    for _ in range(MAX_ITERATIONS):
+    enough = ROUGH_TOLERANCE if rough else TOLERANCE
+    for _ in range(ROUGH_ITERATIONS if rough else MAX_ITERATIONS):
         step, gain = _step(spectrum, ordinates, theta, (lower, upper), free, damping)
-        if gain < TOLERANCE * max(damping, 1e-3) * 1e3:
+        if gain * (1.0 + damping) < enough:
             break
         trial = np.clip(theta + step, np.minimum(lower, theta), np.maximum(upper, theta))
         trial_effects = with_parameters(effects, trial)

@@ -75,8 +75,8 @@ class BandwidthLimit(ResponseEffect):
         rate_hz = 1.0 / sample_time_s
         sums = [np.zeros_like(frequency_hz) for _ in range(3)]
         for alias in range(-ALIASES, ALIASES + 1):
-            for total, part in zip(sums, self._law(frequency_hz + alias * rate_hz), strict=True):
-                total += part
+            parts = self._law(frequency_hz + alias * rate_hz)
+            sums = [total + part for total, part in zip(sums, parts, strict=True)]
         far = np.array([(ALIASES + 0.5) * rate_hz])
         if self.order < 1.5:
             tail = 2.0 * self._law(far)[0] * (ALIASES + 0.5)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from imu_noise_id.ordinates import Residual
 from imu_noise_id.recording import Floats
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import fft
 
 from imu_noise_id.effects.base import Parameter, StateSpace, StochasticEffect
-from imu_noise_id.ordinates import Residual
+from imu_noise_id.ordinates import LEAST_SCORE, Residual
 from imu_noise_id.recording import Floats
 
 MEMORIES_S = 10.0 ** np.arange(-1.0, 5.0)
@@ -58,8 +58,8 @@ class BiasInstability(StochasticEffect):
         """One-step estimate of B^2."""
         ordinates = residual.ordinates
         shape = _law(ordinates.frequency_hz, ordinates.sample_time_s)[None]
-        amount, _ = residual.score(shape)
-        return tuple(cls(float(np.sqrt(b))) for b in amount if b > 0.0)
+        amount, chi2 = residual.score(shape)
+        return (cls(float(np.sqrt(amount[0]))),) if chi2[0] > LEAST_SCORE else ()
 
     def psd(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
         """S(f) = B^2 dt/(2 sin(pi f dt))."""

@@ -10,7 +10,7 @@ from scipy import signal
 
 from imu_noise_id.effects.base import Parameter, StateSpace, StochasticEffect
 from imu_noise_id.effects.lorentzian import allan_of_geometric, lorentzian
-from imu_noise_id.ordinates import Residual
+from imu_noise_id.ordinates import LEAST_SCORE, Residual
 from imu_noise_id.recording import Floats
 
 SHORTEST_SAMPLES = 3.0
@@ -56,7 +56,7 @@ class GaussMarkov(StochasticEffect):
         laws = np.array([lorentzian(ordinates.frequency_hz, dt / t, dt)[0] for t in times])
         amount, chi2 = residual.score(laws)
         best = int(np.argmax(chi2))
-        if amount[best] <= 0.0:
+        if chi2[best] < LEAST_SCORE:
             return ()
         return (cls(float(np.sqrt(amount[best])), float(times[best])),)
 

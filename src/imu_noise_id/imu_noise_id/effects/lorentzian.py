@@ -1,4 +1,4 @@
-"""Laws of an exponentially forgotten signal, r(h) = Re(a^|h|), shared by the effects built on it."""
+"""Laws of an exponentially forgotten signal, r(h) = Re(a^|h|)."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from scipy import signal
 
 from imu_noise_id.effects.base import Parameter, StateSpace, StochasticEffect
 from imu_noise_id.effects.lorentzian import allan_of_geometric, lorentzian
-from imu_noise_id.ordinates import Residual
+from imu_noise_id.ordinates import LEAST_SCORE, Residual
 from imu_noise_id.recording import Floats
 
 WIDEST = 0.3
@@ -64,22 +64,23 @@ class NarrowBand(StochasticEffect):
         misfit = ordinates.power / residual.psd - 1.0
         half_bin = 0.25 * ordinates.dof / ordinates.duration_s
         found: list[tuple[float, NarrowBand]] = []
-        for width in 2 ** np.arange(12):
-            if 4 * width > misfit.size:
+        for bins in 2 ** np.arange(12):
+            if 4 * bins > misfit.size:
                 break
-            low = ordinates.frequency_hz[: misfit.size - width + 1] - half_bin[: 1 - width or None]
-            high = ordinates.frequency_hz[width - 1 :] + half_bin[width - 1 :]
+            low = ordinates.frequency_hz[: misfit.size - bins + 1] - half_bin[: 1 - bins or None]
+            high = ordinates.frequency_hz[bins - 1 :] + half_bin[bins - 1 :]
             middle, bandwidth = 0.5 * (low + high), high - low
-            z = _window_sum(weight * misfit, width) / np.sqrt(_window_sum(weight, width))
+            z = _window_sum(weight * misfit, bins) / np.sqrt(_window_sum(weight, bins))
             z[bandwidth > 2.0 * WIDEST * middle] = 0.0
             best = int(np.argmax(z))
-            if z[best] > 0.0:
-                inside = slice(best, best + width)
+            if z[best] ** 2 > 2.0 * LEAST_SCORE:
+                inside = slice(best, best + bins)
                 excess = (ordinates.power - residual.psd)[inside] * weight[inside]
                 power = 4.0 * max(excess.sum(), 0.0) / ordinates.duration_s
                 sigma = float(np.sqrt(2.0 * power)) if power > 0.0 else 0.0
                 narrow = min(0.5 * bandwidth[best], 0.8 * WIDEST * middle[best])
-                start = cls(float(middle[best]), max(float(narrow), 1.5 / ordinates.duration_s), sigma)
+                width = max(float(narrow), 1.5 / ordinates.duration_s)
+                start = cls(float(middle[best]), width, sigma)
                 if sigma > 0.0:
                     found.append((float(z[best]), start))
         found.sort(key=lambda item: -item[0])

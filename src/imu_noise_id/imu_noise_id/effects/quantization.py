@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from imu_noise_id.effects.base import Parameter, StateSpace, StochasticEffect
-from imu_noise_id.ordinates import Residual
+from imu_noise_id.ordinates import LEAST_SCORE, Residual
 from imu_noise_id.recording import Floats
 
 
@@ -40,8 +40,8 @@ class Quantization(StochasticEffect):
         """One-step estimate of Q^2."""
         ordinates = residual.ordinates
         shape = _law(ordinates.frequency_hz, ordinates.sample_time_s)[None]
-        amount, _ = residual.score(shape)
-        return tuple(cls(float(np.sqrt(q))) for q in amount if q > 0.0)
+        amount, chi2 = residual.score(shape)
+        return (cls(float(np.sqrt(amount[0]))),) if chi2[0] > LEAST_SCORE else ()
 
     def psd(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
         """S(f) = (4 Q^2/dt) sin^2(pi f dt)."""

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from imu_noise_id.effects.base import Parameter, StateSpace, StochasticEffect
-from imu_noise_id.ordinates import Residual
+from imu_noise_id.ordinates import LEAST_SCORE, Residual
 from imu_noise_id.recording import Floats
 
 
@@ -41,8 +41,8 @@ class RateRandomWalk(StochasticEffect):
         """One-step estimate of K^2."""
         ordinates = residual.ordinates
         shape = _law(ordinates.frequency_hz, ordinates.sample_time_s)[None]
-        amount, _ = residual.score(shape)
-        return tuple(cls(float(np.sqrt(k))) for k in amount if k > 0.0)
+        amount, chi2 = residual.score(shape)
+        return (cls(float(np.sqrt(amount[0]))),) if chi2[0] > LEAST_SCORE else ()
 
     def psd(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
         """S(f) = K^2 dt^2/(4 sin^2(pi f dt))."""
