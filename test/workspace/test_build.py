@@ -23,7 +23,7 @@ def machine(tmp_path: Path, root: Path):
     bin_folder = tmp_path / "bin"
     bin_folder.mkdir()
 
-    def run(tools: list[str], python: str | None) -> subprocess.CompletedProcess[str]:
+    def run(tools: list[str], python: str | None, ros: Path = Path("/nonexistent")):
         for tool in [*SYSTEM_TOOLS, *tools]:
             found = shutil.which(tool)
             if found is not None:
@@ -31,7 +31,7 @@ def machine(tmp_path: Path, root: Path):
         if python is not None:
             (bin_folder / "python3").write_text(f"#!/bin/sh\n{python}\n")
             (bin_folder / "python3").chmod(0o755)
-        env = {"PATH": str(bin_folder), "ROS_JAZZY": "/nonexistent"}
+        env = {"PATH": str(bin_folder), "ROS_JAZZY": str(ros)}
         return subprocess.run(
             [str(copy / "tools/build")], env=env, capture_output=True, text=True, check=False
         )
@@ -74,6 +74,16 @@ def test_what_is_missing_gets_one_line(machine, tools, python, named):
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
     assert named in done.stderr
+
+
+def test_a_python_that_is_not_the_one_of_ros_is_told(machine, tmp_path: Path):
+    (tmp_path / "ros").mkdir()
+    (tmp_path / "ros/setup.sh").touch()
+    python = f'case $2 in "import rclpy") exit 1;; esac; {this_python()}'
+    done = machine(BUILD_TOOLS, python, ros=tmp_path / "ros")
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "cannot import rclpy" in done.stderr
 
 
 def test_a_second_build_does_nothing_and_names_the_ros_it_uses(root: Path):

@@ -81,6 +81,15 @@ def test_an_unbuilt_workspace_names_the_next_step(root: Path, tmp_path: Path):
     assert f"make -C {tmp_path} build" in done.stderr
 
 
+def test_ros_of_apt_is_the_underlay_where_it_is_installed(root: Path, tmp_path: Path):
+    """Not run here: the real /opt/ros/jazzy; its setup.sh reads variables that are not set, too."""
+    (tmp_path / "setup.sh").write_text("export AMENT_PREFIX_PATH=/opt/it; echo $NOT_SET; false\n")
+    show = "echo $AMENT_PREFIX_PATH; set -o | grep -E 'errexit|nounset'"
+    done = run("bash", *STRICT, f"source {root}/env.sh; {show}", env={"ROS_JAZZY": str(tmp_path)})
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [f"{root}/install:/opt/it", "errexit", "on", "nounset", "on"]
+
+
 def test_programs_run_with_the_python_of_the_workspace(root: Path):
     for program in (root / "install/lib/imu_noise_id").iterdir():
         assert program.read_text().splitlines()[0].startswith(f"#!{root}/.venv/bin/python")
