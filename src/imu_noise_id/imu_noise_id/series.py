@@ -44,7 +44,7 @@ class Series:
     @property
     def time_s(self) -> Floats:
         """Time of each sample since the recording's first stamp, shape (n,)."""
-        return self.start_s + self.sample_time_s * np.arange(self.values.size)
+        return self.start_s + self.sample_time_s * np.arange(self.values.size, dtype=np.float64)
 
 
 def to_series(channel: Channel, recording_start_ns: int) -> Series:

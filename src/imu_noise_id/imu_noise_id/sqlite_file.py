@@ -55,12 +55,11 @@ def topics(database: sqlite3.Connection) -> list[SqliteTopic]:
     """All topics with their message counts."""
     definitions: dict[str, str] = {}
     if database.execute("SELECT 1 FROM sqlite_master WHERE name='message_definitions'").fetchone():
-        definitions = dict(
-            database.execute(
-                "SELECT topic_type, encoded_message_definition FROM message_definitions "
-                "WHERE encoding='ros2msg'"
-            )
+        rows = database.execute(
+            "SELECT topic_type, encoded_message_definition FROM message_definitions "
+            "WHERE encoding='ros2msg'"
         )
+        definitions = {kind: str(text) for kind, text in rows}
     counts = dict(database.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
     rows = database.execute("SELECT id, name, type, serialization_format FROM topics ORDER BY id")
     return [

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from imu_noise_id.recording import Mask, Stamps
+from imu_noise_id.recording import Floats, Mask, Stamps
 
 Cells = NDArray[np.int64]
 
@@ -30,6 +30,8 @@ _WINDOW = 11
 _LONGEST_WINDOW = 1001
 _BLOCK = 256
 _MOST_STEPS = 200_000
+_MOST_BLOCKS = 2000
+_STRETCH = 1 << 19
 
 
 @dataclass(frozen=True)
@@ -89,13 +91,13 @@ def examine(stamp_ns: Stamps) -> Timing:
         ordered = _shorten_gaps(ordered, cell, period_ns, limit)
         notes.append("gaps far longer than the recording are shortened")
         cell = cells(ordered, period_ns)
-    steps = np.diff(cell)
+    gaps = int(np.count_nonzero(cell[1:] - cell[:-1] > 1))
     return Timing(
         kept,
         ordered,
         1e9 / period_ns,
         _jitter_ns(ordered, cell, period_ns) * 1e-9,
-        int(np.count_nonzero(steps > 1)),
+        gaps,
         int(cell[-1]) + 1 - cell.size,
         duplicates,
         late,
@@ -184,8 +186,8 @@ def sample_period_ns(stamp_ns: Stamps) -> float:
     where the samples come in bursts, the mean step.  The slope
     of the stamps over their cells, fitted within gapless stretches, gives the value.
     """
-    steps = np.diff(stamp_ns)
-    steps = steps[:: 1 + steps.size // _MOST_STEPS]
+    every = 1 + stamp_ns.size // _MOST_STEPS
+    steps = stamp_ns[1::every] - stamp_ns[:-1:every]
     period = float(np.quantile(steps, 0.1))
     if np.mean(np.abs(steps / period - np.rint(steps / period)) < 0.1) < 0.9:
         period = float(np.median(steps))
@@ -205,16 +207,24 @@ def cells(stamp_ns: Stamps, period_ns: float) -> Cells:
     jumps at a gap and not at jitter.
     """
     cell = np.arange(stamp_ns.size)
-    steps = np.diff(stamp_ns)
-    odd = np.flatnonzero(np.abs(steps - period_ns) > 0.5 * period_ns)
+    odd = _odd_steps(stamp_ns, period_ns)
     if odd.size == 0:
         return cell
-    window = _smoothing_samples(steps, period_ns)
+    window = _smoothing_samples(np.diff(stamp_ns), period_ns)
     for begin, end in _neighbourhoods(odd, stamp_ns.size, 2 * window):
         lost = _lost(stamp_ns[begin:end], period_ns, window)
         cell[begin + 1 : end] += np.cumsum(lost)
         cell[end:] += int(lost.sum())
     return cell
+
+
+def _odd_steps(stamp_ns: Stamps, period_ns: float) -> Cells:
+    """Where the step to the next sample is not within half a period of one period."""
+    parts = []
+    for begin in range(0, stamp_ns.size, _STRETCH):
+        steps = np.diff(stamp_ns[begin : begin + _STRETCH + 1])
+        parts.append(begin + np.flatnonzero(np.abs(steps - period_ns) > 0.5 * period_ns))
+    return np.concatenate(parts)
 
 
 def _lost(stamp_ns: Stamps, period_ns: float, window: int) -> Cells:
@@ -229,7 +239,7 @@ def _lost(stamp_ns: Stamps, period_ns: float, window: int) -> Cells:
 
 
 def _smoothing_samples(steps: Stamps, period_ns: float) -> int:
-    """Samples of the median that tells gaps from jitter: four bursts where samples come in bursts."""
+    """Samples of the median that tells gaps from jitter: those of four bursts where there are any."""
     tight = int(np.count_nonzero(steps < 0.25 * period_ns))
     if tight < 0.3 * steps.size:
         return _WINDOW
@@ -246,27 +256,48 @@ def _neighbourhoods(odd: Cells, size: int, reach: int) -> list[tuple[int, int]]:
 
 
 def _slope_ns(stamp_ns: Stamps, cell: Cells, period_ns: float) -> float:
-    """Least-squares period within gapless stretches; the guess where there is none."""
+    """Least-squares period within gapless stretches; the guess where there is none.
+
+    Stretches end at the latest after `_STRETCH` samples, which bounds the memory for them.
+    """
+    weight = slope = 0.0
+    for begin in range(0, stamp_ns.size, _STRETCH):
+        part = slice(begin, begin + _STRETCH)
+        w, s = _slope_sums(stamp_ns[part], cell[part], period_ns)
+        weight, slope = weight + w, slope + s
+    period = period_ns + slope / weight if weight > 0 else period_ns
+    return period if 0.5 * period_ns < period < 2.0 * period_ns else period_ns
+
+
+def _slope_sums(stamp_ns: Stamps, cell: Cells, period_ns: float) -> tuple[float, float]:
+    """Sums of (c - mean c)^2 and of (c - mean c)(t - dt c), means within each gapless stretch."""
     edge = np.concatenate(([0], np.flatnonzero(np.diff(cell) > 1) + 1))
     count = np.diff(np.append(edge, cell.size))
-    residual = (stamp_ns - stamp_ns[0]) - cell * period_ns
+    residual = _residual_ns(stamp_ns, cell, period_ns)
     x = np.arange(cell.size) - np.repeat(edge + (count - 1) / 2.0, count)
     y = residual - np.repeat(np.add.reduceat(residual, edge) / count, count)
-    weight = float(x @ x)
-    slope = period_ns + float(x @ y) / weight if weight > 0 else period_ns
-    return slope if 0.5 * period_ns < slope < 2.0 * period_ns else period_ns
+    return float(x @ x), float(x @ y)
+
+
+def _residual_ns(stamp_ns: Stamps, cell: Cells, period_ns: float) -> Floats:
+    """How much later than its cell each sample is, the first not at all."""
+    return (stamp_ns - stamp_ns[0]) - (cell - cell[0]) * period_ns
 
 
 def _jitter_ns(stamp_ns: Stamps, cell: Cells, period_ns: float) -> float:
     """Standard deviation of the stamps about straight lines through blocks of 256 samples.
 
-    The lines follow a clock that drifts.
+    The lines follow a clock that drifts.  Of a long recording some blocks are taken, evenly spread.
     """
-    residual = (stamp_ns - stamp_ns[0]) - cell * period_ns
-    size = min(_BLOCK, residual.size)
+    size = min(_BLOCK, stamp_ns.size)
     if size < 3:
         return 0.0
-    blocks = residual[: residual.size // size * size].reshape(-1, size)
+    count = stamp_ns.size // size
+    some = slice(None, None, 1 + count // _MOST_BLOCKS)
+    first = np.arange(count)[some] * size
+    samples = first[:, np.newaxis] + np.arange(size)
+    stamps, cells_ = stamp_ns[samples], cell[samples]
+    blocks = (stamps - stamps[:, :1]) - (cells_ - cells_[:, :1]) * period_ns
     x = np.arange(size) - (size - 1) / 2.0
     blocks = blocks - blocks.mean(axis=1, keepdims=True)
     blocks = blocks - np.outer(blocks @ x / (x @ x), x)
