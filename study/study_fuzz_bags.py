@@ -81,7 +81,7 @@ def main() -> int:
         seeds = range(options.only, options.only + 1)
     shared_memory = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=shared_memory if shared_memory.is_dir() else None) as name:
-        if options.only is None:
+        if options.only is None and options.first == 0:
             systematic(Path(name))
         return campaign(seeds, Path(name))
 
@@ -102,6 +102,8 @@ def campaign(seeds: range, folder: Path) -> int:
             print(f"seed {seed}: {type(error).__name__}: {error}")
             if len(seeds) == 1:
                 raise
+        if (seed + 1 - seeds.start) % 5000 == 0:
+            print(f"{seed + 1 - seeds.start} bags read, {len(failed)} failed", flush=True)
         slowest = max(slowest, (time.perf_counter() - begin, seed))
     growth = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
     for way, count in sorted(outcome.items()):

@@ -51,7 +51,8 @@ def to_series(channel: Channel, recording_start_ns: int) -> Series:
     """Put a channel on the grid of its own rate.
 
     The cells are those of `stamps.cells`: jitter and a slow drift of the clock do not open or close
-    cells, and a gap keeps its length to within half a sample.  Moving samples become unobserved; leading and trailing unobserved cells are cut.
+    cells, and a gap keeps its length to within half a sample.  Moving samples become unobserved;
+    leading and trailing unobserved cells are cut.
 
     Parameters
     ----------

@@ -239,7 +239,7 @@ def _lost(stamp_ns: Stamps, period_ns: float, window: int) -> Cells:
 
 
 def _smoothing_samples(steps: Stamps, period_ns: float) -> int:
-    """Samples of the median that tells gaps from jitter: those of four bursts where there are any."""
+    """Samples of the median that tells gaps from jitter: as many as four bursts have, if any."""
     tight = int(np.count_nonzero(steps < 0.25 * period_ns))
     if tight < 0.3 * steps.size:
         return _WINDOW
