@@ -4,7 +4,8 @@ numpy only; nothing of the suite is imported.  The forms differ from the catalog
 lines wander in phase, ramps are curved, steps have edges, hits are uniform, resonances are driven
 by Laplacian noise, dwell times are gamma distributed.  Strengths are asked for in nats, the
 log-likelihood that a perfect fit is expected to gain, and turned into amplitudes by the formulas
-below (Gaussian noise of spectrum S, ordinates k/2T).
+below (Gaussian noise of spectrum S, ordinates k/2T); slow courses also gain a third of that over
+the best random walk.
 """
 
 from __future__ import annotations
@@ -117,6 +118,30 @@ def scaled_signal(shape: np.ndarray, sensor: Sensor, dt: float, nats: float) -> 
     return shape * float(np.sqrt(nats / gain_of_signal(shape, sensor, dt)))
 
 
+def scaled_course(shape: np.ndarray, sensor: Sensor, dt: float, nats: float) -> np.ndarray:
+    """A slow course of the wanted gain over nothing, and a third of it over the best walk."""
+    n = shape.size
+    centred = shape - shape.mean()
+    mirrored = np.concatenate((centred, centred[::-1]))
+    k = np.arange(1, min(n, 2000))
+    f = k / (2.0 * n * dt)
+    S = spectrum(sensor, f)
+    power = np.abs(np.fft.rfft(mirrored)[k]) ** 2 * dt / (2.0 * n) / S
+    walk_law = 1.0 / (2.0 * np.pi * f) ** 2 / S
+    scales = np.exp(np.linspace(-12.0, 12.0, 97)) / np.sqrt(walk_law[0])
+    ratio = 1.0 + np.outer(scales**2, walk_law)
+
+    def over_walk(amplitude: float) -> float:
+        seen = 1.0 + amplitude**2 * power
+        walk = -0.5 * np.sum(np.log(ratio) + seen / ratio, axis=1)
+        return float(-0.5 * k.size - walk.max())
+
+    alone = float(np.sqrt(nats / gain_of_signal(shape, sensor, dt)))
+    if over_walk(alone) >= nats / 3.0:
+        return shape * alone
+    return shape * amplitude_for(over_walk, nats / 3.0, alone, 1e6 * alone)
+
+
 def _ordinates(n: int, dt: float) -> np.ndarray:
     return np.arange(1, n) / (2.0 * n * dt)
 
@@ -196,7 +221,7 @@ def louder(x, sensor, dt, nats, rng):
 
 def ramp(x, sensor, dt, nats, rng):
     u = np.linspace(0.0, 1.0, x.size)
-    return x + scaled_signal(rng.choice([-1, 1]) * (u + 0.2 * u**2), sensor, dt, nats), nats
+    return x + scaled_course(rng.choice([-1, 1]) * (u + 0.2 * u**2), sensor, dt, nats), nats
 
 
 def step(x, sensor, dt, nats, rng):
@@ -204,7 +229,7 @@ def step(x, sensor, dt, nats, rng):
     at = rng.uniform(0.2, 0.8) * t[-1]
     edge = 0.15 if dt < 0.05 else 1.0
     shape = rng.choice([-1, 1]) * np.tanh((t - at) / edge)
-    return x + scaled_signal(shape, sensor, dt, nats), nats
+    return x + scaled_course(shape, sensor, dt, nats), nats
 
 
 def burst(x, sensor, dt, nats, rng):
@@ -227,7 +252,10 @@ def popcorn(x, sensor, dt, nats, rng):
     dwell_s = rng.uniform(4.0, 15.0) * (1.0 if dt < 0.05 else 6.0)
     dwells = rng.gamma(1.5, dwell_s / 1.5, int(3 * n * dt / dwell_s) + 20)
     level = np.searchsorted(np.cumsum(dwells), np.arange(n) * dt) % 2
-    return x + scaled_signal(level.astype(float), sensor, dt, nats), nats
+    k = _ordinates(n, dt)
+    law = 0.25 * dwell_s / (1.0 + (np.pi * k * dwell_s) ** 2)
+    a = amplitude_for(lambda s: gain_of_spectrum(s * s * law, sensor, k), nats, 1e-9, 1e3)
+    return x + a * level, nats
 
 
 def hits(x, sensor, dt, nats, rng):
@@ -248,23 +276,26 @@ def truncated(x, sensor, dt, nats, rng):
 
 
 def clipped(x, sensor, dt, nats, rng):
-    return np.clip(x, -np.inf, sensor.level + rng.uniform(1.8, 2.8) * x.std()), CERTAIN
+    limit = abs(sensor.level) + rng.uniform(1.8, 2.8) * x.std()
+    return np.clip(x, -limit, limit), CERTAIN
 
 
 def sluggish(x, sensor, dt, nats, rng):
-    """Second-order low pass by recursion on the mean-free signal; the cutoff sets the gain."""
-    f0 = rng.uniform(0.25, 0.6) / dt * 0.5
+    """The fast noise through a second-order low pass at eight times the rate, then sampled."""
+    over = 8
+    f0 = rng.uniform(0.12, 0.3) / dt
     q = rng.uniform(0.5, 0.9)
-    K = np.tan(np.pi * f0 * dt)
+    K = np.tan(np.pi * f0 * dt / over)
     norm = 1.0 / (1.0 + K / q + K * K)
     b, a1, a2 = K * K * norm, 2.0 * (K * K - 1.0) * norm, (1.0 - K / q + K * K) * norm
-    out, (u1, u2, y1, y2) = np.empty(x.size), (0.0, 0.0, 0.0, 0.0)
-    level = float(x[:50].mean())
-    for k, u in enumerate((x - level).tolist()):
+    drive = rng.standard_normal(x.size * over) * sensor.white / np.sqrt(dt / over)
+    out, (u1, u2, y1, y2) = np.empty(x.size * over), (0.0, 0.0, 0.0, 0.0)
+    for k, u in enumerate(drive.tolist()):
         y = b * (u + 2.0 * u1 + u2) - a1 * y1 - a2 * y2
         u2, u1, y2, y1 = u1, u, y1, y
         out[k] = y
-    return out + level, CERTAIN
+    slow = recursion(x.size, dt, sensor.slow_sigma, sensor.slow_time_s, rng)
+    return out[::over] + slow + sensor.level, CERTAIN
 
 
 def smeared(x, sensor, dt, nats, rng):
@@ -281,7 +312,7 @@ def chirp(x, sensor, dt, nats, rng):
     t = np.arange(x.size) * dt
     f0, f1 = 0.1 / dt, 0.3 / dt
     shape = np.sin(2.0 * np.pi * (f0 * t + 0.5 * (f1 - f0) * t**2 / t[-1]))
-    return x + scaled_signal(shape, sensor, dt, 6.0 * nats), nats
+    return x + scaled_signal(shape, sensor, dt, 200.0 * nats), nats
 
 
 def breathing(x, sensor, dt, nats, rng):
@@ -379,7 +410,7 @@ def _hide(out: Hidden, kind: str, nats: float, made: dict, rng: np.random.Genera
         t = np.arange(out.values[name].size) * dt
         lagged = np.interp(t - 4.0, np.arange(out.temperature.size), out.temperature)
         shape = lagged - lagged.mean()
-        out.values[name] = out.values[name] + scaled_signal(shape, made[name], dt, nats)
+        out.values[name] = out.values[name] + scaled_course(shape, made[name], dt, nats)
         out.truth[name], out.gain = ("temperature",), nats
     elif kind == "cross_axis":
         other = str(rng.choice([n for n in names if n != name]))

@@ -18,6 +18,7 @@ from imu_noise_id.reconcile.battery import BURST_BLOCKS
 from imu_noise_id.reconcile.compare import Finding
 from imu_noise_id.reconcile.contamination import (
     Change,
+    Hits,
     find_hits,
     fresh_index,
     hit_effect,
@@ -39,6 +40,8 @@ COARSE = 0.8
 SHORTEST = 256
 STRETCHES = 32
 CLUSTERED_LOG_P = -9.0
+TAILS_LOG_P = -14.0
+MOST_HITS = 0.02
 
 
 def open_topic(
@@ -230,11 +233,13 @@ def answer_hits(work: Work, rng: np.random.Generator) -> Work:
     hits = find_hits(white)
     if given is None and (hits.log_p > np.log(1e-4) or clustered(white, hits.mask)):
         return work
+    tails = tails_log_p(white, hits.rate, hits.scale)
+    if given is None and (tails < TAILS_LOG_P or hits.rate > MOST_HITS or _lopsided(white, hits)):
+        return work  # not a few hits but another distribution
     change = _hit_change(work, given, hits.mask)
     if hits.mask.any():
         sigma = _fast_sigma(work.state.values, hits.mask)
         values = mend(work.state.values, hits.mask, sigma, rng)
-        tails = tails_log_p(white, hits.rate, hits.scale)
         place = Where("amplitude", 2.5, 5.0, "sigma", 1.0)
         after = replace(
             work,
@@ -267,6 +272,12 @@ def _hit_change(work: Work, given: Outliers | None, mask: np.ndarray) -> Change 
     if count == 0.0:
         return Change(REMOVE, given, log_p, place)
     return Change(REFIT, hit_effect(hits, sigma), log_p, place)
+
+
+def _lopsided(white: Floats, hits: Hits) -> bool:
+    """Whether hits have one sign more often than chance has it."""
+    count = int(hits.mask.sum())
+    return count >= 12 and abs(float(np.sign(white[hits.mask]).sum())) > 4.0 * np.sqrt(count)
 
 
 def clustered(white: Floats, mask: np.ndarray) -> bool:

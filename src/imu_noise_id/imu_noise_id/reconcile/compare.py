@@ -8,10 +8,13 @@ import numpy as np
 from scipy import fft
 from scipy.special import chdtrc
 
+from imu_noise_id.effects.bias_instability import BiasInstability
+from imu_noise_id.effects.rate_random_walk import RateRandomWalk
+from imu_noise_id.ordinates import Residual
 from imu_noise_id.recording import Floats
 from imu_noise_id.reconcile.battery import battery
 from imu_noise_id.reconcile.null import Null, log_p_of, z_of
-from imu_noise_id.reconcile.prior import map_fit, without
+from imu_noise_id.reconcile.prior import FREE_STD_ERROR, map_fit, without
 from imu_noise_id.reconcile.result import Where
 from imu_noise_id.reconcile.state import Analysis, State
 
@@ -80,6 +83,7 @@ def examine(state: State, found: Analysis, null: Null, skip: frozenset[str]) -> 
     ]
     out.append(_steps(state, found))
     out += _courses(state, found)
+    out.append(_drift(state, found))
     refit = _refit(state, found)
     if refit is not None:
         out.append(refit)
@@ -162,17 +166,35 @@ def _courses(state: State, found: Analysis) -> list[Finding]:
     return out
 
 
+def _drift(state: State, found: Analysis) -> Finding:
+    """Gain of a walk or of flicker beside what there is; half a chi-square with one degree each."""
+    residual = Residual(found.ordinates, found.fit.spectrum.psd, found.fit.spectrum.tangent)
+    gain = 0.0
+    for kind in (RateRandomWalk, BiasInstability):
+        for start in kind.starts(residual)[:1]:
+            effects = (*found.fit.effects, start)
+            grown = map_fit(effects, found.ordinates, state.prior, state.floor)
+            gain = max(gain, grown.objective - found.fit.objective)
+    f = found.white.frequency_hz
+    place = Where("allan", 0.1 / float(f[0]), 0.5 / float(f[0]), "s", 1.0)
+    return _finding("drift", _log_chi2(1, 2.0 * gain), place)
+
+
+def _log_chi2(dof: int, value: float) -> float:
+    """Logarithm of the upper tail."""
+    tail = float(chdtrc(dof, value))
+    return float(np.log(tail)) if tail > 1e-290 else -0.5 * value
+
+
 def _refit(state: State, found: Analysis) -> Finding | None:
     """Gain of letting the model's own parameters go: chi-square over their number."""
     q = state.prior.centre.size
-    if q == 0 or not np.isfinite(state.prior.std_error).any():
+    if q == 0 or not np.any(state.prior.std_error < FREE_STD_ERROR):
         return None
     free = map_fit(
         found.fit.effects, found.ordinates, without(state.prior, list(range(q))), state.floor
     )
     gain = max(free.objective - found.fit.objective, 0.0)
-    log_p = float(np.log(max(chdtrc(q, 2.0 * gain), 1e-300)))
-    if log_p < -650.0:
-        log_p = -gain
+    log_p = _log_chi2(q, 2.0 * gain)
     f = found.white.frequency_hz
     return _finding("refit", log_p, Where("spectrum", float(f[0]), float(f[-1]), "Hz", 1.0))

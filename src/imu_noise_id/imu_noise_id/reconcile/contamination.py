@@ -247,8 +247,8 @@ def tails_log_p(white: Floats, rate: float, scale: float) -> float:
     total = np.sqrt(1.0 + scale**2)
     hit = 2.0 * (ndtr(-edges[:-1] / total) - ndtr(-edges[1:] / total))
     expected = unit.size * ((1.0 - rate) * clean + rate * hit)
-    # the hits below the threshold are extrapolated: their number is known to a half
-    variance = expected + (0.5 * unit.size * rate * hit) ** 2
+    # the hits below the threshold are extrapolated: their number is known to a third
+    variance = expected + (0.3 * unit.size * rate * hit) ** 2
     chi2 = float(np.sum((seen - expected) ** 2 / variance))
     return float(np.log(max(chdtrc(seen.size, chi2), 1e-300)))
 

@@ -23,7 +23,7 @@ from imu_noise_id.ordinates import Residual
 from imu_noise_id.recording import Floats
 from imu_noise_id.reconcile.battery import BURST_BLOCKS
 from imu_noise_id.reconcile.compare import step_scores
-from imu_noise_id.reconcile.prior import without
+from imu_noise_id.reconcile.prior import FREE_STD_ERROR, without
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
 from imu_noise_id.reconcile.state import Analysis, Column, State, analyse, course_column
 from imu_noise_id.selection import RESPONSES, SOURCES
@@ -31,7 +31,6 @@ from imu_noise_id.selection import RESPONSES, SOURCES
 PRICE_PER_PARAMETER = 3.0
 LINE_PRICE = 8.0
 PREFERENCE = 1.5
-SLOW = frozenset({"rate_random_walk", "gauss_markov", "bias_instability"})
 TELEGRAPH_BLOCKS = 1500
 MOST_PER_CHANNEL = {"gauss_markov": 3, "narrow_band": 8, "periodic": 12, "bias_step": 6}
 
@@ -138,9 +137,9 @@ def _responses(state: State, found: Analysis) -> list[Candidate]:
     """Filters; what they cut may have been louder before them, so the level beneath is free."""
     out = []
     f, dt = found.ordinates.frequency_hz, state.sample_time_s
+    if any(_count(state, kind.name) for kind in RESPONSES):
+        return []
     for kind in RESPONSES:
-        if _count(state, kind.name):
-            continue
         ranked = []
         for start in kind.starts(residual_of(found)):
             relative = found.fit.spectrum.psd * start.power_response(f, dt)
@@ -291,7 +290,7 @@ def _refits(state: State, found: Analysis) -> list[Candidate]:
     out = []
     for index, effect in enumerate(found.fit.effects):
         rows = [r for r in _rows_of(state, index) if r < state.prior.centre.size]
-        if not rows or not np.isfinite(state.prior.std_error).any():
+        if not rows or not np.any(state.prior.std_error < FREE_STD_ERROR):
             continue
         price = PRICE_PER_PARAMETER * len(rows)
         freed = replace(state, effects=found.fit.effects, prior=without(state.prior, rows))

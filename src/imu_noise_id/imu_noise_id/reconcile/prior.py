@@ -12,9 +12,7 @@ An identified model also has drifts that its recording was too short to show.  T
 whose cost is what it would have lost on a record of that length at the model's own level,
 x the walk's spectrum over the model's:
 
-    pi(K) = w/2 sum_k (log(1 + x_k) - x_k/(1 + x_k)),   w = 1/2,
-
-halved because that record's own low ordinates need not have been at their mean.
+    pi(K) = 1/2 sum_k (log(1 + x_k) - x_k/(1 + x_k)).
 """
 
 from __future__ import annotations
@@ -44,8 +42,9 @@ WIDEST_STD_ERROR = 3.0
 ITERATIONS = 40
 
 
-DRIFT_WEIGHT = 0.5
 DRIFT_ORDINATES = 64
+FREE_STD_ERROR = 1e3
+SLOW = ("rate_random_walk", "gauss_markov", "bias_instability")
 
 
 @dataclass(frozen=True)
@@ -70,12 +69,12 @@ class DriftPrior:
     def cost(self, log_coefficient: float) -> float:
         """Nats."""
         x = np.exp(2.0 * log_coefficient) * self.relative
-        return float(0.5 * DRIFT_WEIGHT * np.sum(np.log1p(x) - x / (1.0 + x)))
+        return float(0.5 * np.sum(np.log1p(x) - x / (1.0 + x)))
 
     def slope(self, log_coefficient: float) -> float:
         """Derivative by the log coefficient; twice it majorises the curvature."""
         x = np.exp(2.0 * log_coefficient) * self.relative
-        return float(DRIFT_WEIGHT * np.sum((x / (1.0 + x)) ** 2))
+        return float(np.sum((x / (1.0 + x)) ** 2))
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,7 @@ class Prior:
     axes : (q, q) float64
         Eigenvectors of the covariance, columns.
     std_error : (q,) float64
-        Along the eigenvectors; infinite where the prior is dropped.
+        Along the eigenvectors; ``FREE_STD_ERROR`` where the prior is dropped.
     drift : DriftPrior or None
         Of the parameter after those, an :class:`UnseenDrift`.
     """
@@ -185,12 +184,12 @@ def prior_of(model: ChannelModel, floor_std_error: float = 0.0) -> Prior:
 def unseen_drift(
     model: ChannelModel, effects: tuple[Effect, ...], sample_time_s: float, floor: float
 ) -> tuple[UnseenDrift, DriftPrior] | None:
-    """Room for drift under an identified model; None for a typed one, or one that has a walk.
+    """Room for drift under an identified model; None for a typed one, or one with a slow term.
 
     A ramp that the model has may have been a walk: its power over the recording is room too.
     """
     known = model.log_covariance is not None and model.duration_s
-    if not known or not effects or model.find("rate_random_walk"):
+    if not known or not effects or any(model.find(name) for name in SLOW):
         return None
     duration_s = float(model.duration_s or 0.0)
     f = np.arange(1, DRIFT_ORDINATES + 1) / (2.0 * duration_s)
@@ -211,14 +210,14 @@ def without(prior: Prior, dropped: list[int]) -> Prior:
     keep = np.ones(prior.centre.size, dtype=bool)
     keep[dropped] = False
     if not keep.any():
-        return replace(prior, std_error=np.full(prior.centre.size, np.inf))
+        return replace(prior, std_error=np.full(prior.centre.size, FREE_STD_ERROR))
     covariance = (prior.axes * prior.std_error**2) @ prior.axes.T
     block = np.zeros_like(covariance)
     variance, axes = np.linalg.eigh(covariance[np.ix_(keep, keep)])
     kept, free = np.flatnonzero(keep), np.flatnonzero(~keep)
     block[np.ix_(kept, np.arange(kept.size))] = axes
     block[free, kept.size + np.arange(free.size)] = 1.0
-    std_error = np.concatenate((np.sqrt(np.maximum(variance, 1e-8)), np.full(free.size, np.inf)))
+    std_error = np.concatenate((np.sqrt(np.maximum(variance, 1e-8)), np.full(free.size, FREE_STD_ERROR)))
     return replace(prior, axes=block, std_error=std_error)
 
 
@@ -247,6 +246,8 @@ def map_fit(
         if promised < 1e-4:
             break
         trial = np.clip(theta + step, lower, upper)
+        if not np.isfinite(trial).all():
+            break
         trial_spectrum, trial_likelihood = _evaluate(effects, trial, ordinates, floor)
         trial_objective = trial_likelihood - prior.cost(trial)
         if trial_objective > objective:
