@@ -64,7 +64,8 @@ class CovarianceCourse:
 
 
 def run_covariance(chain: Chain, duration_s: float) -> CovarianceCourse:
-    """Step through the schedule sample by sample, an aid first, for ``duration_s``."""
+    """Covariance over a duration, an aid first; the fast steps between two aids taken as one."""
+    between = repeated(chain.fast, chain.ratio)
     aids = round(duration_s / chain.aid_period_s)
     state = Gaussian(np.zeros(len(chain.names)), chain.P0)
     nothing = np.zeros(chain.H.shape[0])
@@ -74,8 +75,7 @@ def run_covariance(chain: Chain, duration_s: float) -> CovarianceCourse:
         state = correct_and_predict(
             state, nothing, chain.H, chain.R, chain.slow_F, chain.slow_Q, chain.M
         ).state
-        for _ in range(chain.ratio):
-            state = predict(state, chain.fast.F, chain.fast.Q)
+        state = predict(state, between.F, between.Q)
         covariances[k + 1] = state.covariance
     return CovarianceCourse(chain.aid_period_s * np.arange(aids + 1), covariances)
 
