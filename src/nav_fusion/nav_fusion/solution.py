@@ -81,6 +81,11 @@ def cross_matrix(a: Floats) -> Floats:
     return out
 
 
+def turned(a: Floats, T: Floats) -> Floats:
+    """T a of vectors (k, 3), to the same bits whatever k is: BLAS sums one row in another order."""
+    return a[:, 0:1] * T[:, 0] + a[:, 1:2] * T[:, 1] + a[:, 2:3] * T[:, 2]
+
+
 def solve(
     stamp_ns: Stamps, values: Floats, origin: tuple[float, float, float],
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -95,7 +100,7 @@ def solve(
     r, v = values[:, 0:3], values[:, 3:6]
     C_eb = matrix_of(values[:, 6:10])
     P = values[:, core.OUT_P : core.OUT_P + NAV * NAV].reshape(-1, NAV, NAV)
-    position = (r - ecef_from_geodetic(latitude, longitude, origin[2])) @ T.T
+    position = turned(r - ecef_from_geodetic(latitude, longitude, origin[2]), T)
     pose = _rotated(P[:, [0, 1, 2, 6, 7, 8]][:, :, [0, 1, 2, 6, 7, 8]], T)
     pose[:, 5, 5] = np.minimum(pose[:, 5, 5], LARGEST_HEADING_VARIANCE)
     J = np.concatenate((np.swapaxes(C_eb, 1, 2),
@@ -107,7 +112,7 @@ def solve(
         twist[:, 3 + i, 3 + i] = values[:, core.OUT_BIAS_VARIANCE + i] + noise[i]
     antenna, antenna_covariance = _antenna(r, C_eb, P, np.array(lever_arm_m))
     return Solution(
-        stamp_ns, position, v @ T.T, quaternion_of(T @ C_eb), pose,
+        stamp_ns, position, turned(v, T), quaternion_of(T @ C_eb), pose,
         T @ P[:, 3:6, 3:6] @ T.T, np.einsum("kji,kj->ki", C_eb, v),
         values[:, core.OUT_RATE : core.OUT_RATE + 3], twist, antenna, antenna_covariance,
         values[:, core.OUT_HYPOTHESES].astype(np.int64), values[:, core.OUT_STILL] > 0,
