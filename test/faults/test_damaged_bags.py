@@ -5,8 +5,9 @@
 
 import numpy as np
 import pytest
-from helpers import damaged_bags as damaged
 from mcap.writer import CompressionType
+
+from helpers import damaged_bags as damaged
 
 SEEDS = range(40)
 

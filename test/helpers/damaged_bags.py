@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from helpers import bag_making as make
 from imu_noise_id.bag_writer import write_bag
 from imu_noise_id.bags import read_recording
 from imu_noise_id.errors import InputError
@@ -21,6 +20,8 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
+
+from helpers import bag_making as make
 
 COUNT = 40
 EXTREMES = (0, 1, 8, 2**16, 2**31 - 1, 2**32 - 1, 2**40, 2**63 - 1, 2**63, 2**64 - 1)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from helpers import bag_making as make
 from imu_noise_id.assemble import to_recording
 from imu_noise_id.columns import ColumnBuffer, TopicColumns
 from imu_noise_id.errors import InputError
 
+from helpers import bag_making as make
 from imu_noise_id import cdr
 
 

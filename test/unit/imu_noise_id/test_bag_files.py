@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import yaml
 import zstandard
-from helpers import bag_making as make
 from imu_noise_id.bag_files import find_bags, is_bag, open_bag_files
 from imu_noise_id.bag_writer import write_bag
 from imu_noise_id.bags import read_recording
 from imu_noise_id.errors import InputError
+
+from helpers import bag_making as make
 
 
 @pytest.fixture

@@ -4,13 +4,13 @@ import os
 
 import numpy as np
 import pytest
-from helpers import bag_making as make
 from imu_noise_id.bag_writer import TopicBytes, write_bag, write_recording
 from imu_noise_id.bags import read_recording
 from imu_noise_id.errors import InputError
 from imu_noise_id.recording import Channel, Recording, unit_of
 from rosbags.rosbag2 import Reader
 
+from helpers import bag_making as make
 from imu_noise_id import cdr
 
 STAMPS = make.uniform(500, 100.0)

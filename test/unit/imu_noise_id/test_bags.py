@@ -5,7 +5,6 @@ import shutil
 import numpy as np
 import pytest
 import yaml
-from helpers import bag_making as make
 from imu_noise_id.bag_writer import write_bag
 from imu_noise_id.bags import list_topics, ordered_map, read_recording, read_topics
 from imu_noise_id.errors import InputError
@@ -14,6 +13,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from helpers import bag_making as make
 from imu_noise_id import cdr
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers.damaged_bags import check
 from imu_noise_id.bags import read_recording
+
+from helpers.damaged_bags import check
 
 BAGS = Path(__file__).resolve().parents[3] / "bags"
 NAMES = ("demo_mems", "thesis_1khz", "thesis_100hz")

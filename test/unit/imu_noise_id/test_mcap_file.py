@@ -6,12 +6,12 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
-from helpers import bag_making as make
 from imu_noise_id.bag_writer import write_bag
 from imu_noise_id.bags import read_recording
 from imu_noise_id.errors import InputError
 from mcap.writer import CompressionType, IndexType, Writer
 
+from helpers import bag_making as make
 from imu_noise_id import mcap_file
 
 COUNT = 12_000

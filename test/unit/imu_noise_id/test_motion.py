@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from helpers.bag_making import npz_bag
 from imu_noise_id.bags import read_recording
 from imu_noise_id.motion import Intervals, moving_intervals
 from scipy.signal import lfilter
+
+from helpers.bag_making import npz_bag
 
 RATE = 100
 COUNT = 30_000
