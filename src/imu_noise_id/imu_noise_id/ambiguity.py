@@ -53,7 +53,11 @@ def _equal_name(fitted: Fit, index: int) -> str:
             equal.append(kind.name)
     if not equal:
         return ""
-    return f"between {' and '.join([effect.name, *equal])}: they fit this record equally"
+    unseen = GaussMarkov.name in equal or isinstance(effect, GaussMarkov)
+    span = f"{fitted.ordinates.duration_s:.0f} s"
+    reason = f"; a correlation time is not observable in {span}" if unseen else ""
+    names = " and ".join([effect.name, *equal])
+    return f"between {names}: they fit this record equally{reason}"
 
 
 def _distance(fitted: Fit, other: Fit) -> float:

@@ -15,7 +15,7 @@ from imu_noise_id.effects.temperature import Temperature
 from imu_noise_id.model import Estimate, FittedEffect
 from imu_noise_id.ordinates import Ordinates, bin_edges, ordinates
 from imu_noise_id.recording import Floats
-from imu_noise_id.selection import prune, select, worth
+from imu_noise_id.selection import SLOW, prune, select, worth
 from imu_noise_id.whittle import Fit, fit
 
 PRICE = 12.0
@@ -119,13 +119,13 @@ def _worth(explained: Explained) -> float:
 
 
 def _step_price(n: int) -> float:
-    """Price of a step: that of a course and the search over its time, log of the places at each of two sides."""
+    """Price of a step: that of a course and of the search over its time."""
     return PRICE + 2.0 * float(np.log(min(n, SCAN)))
 
 
 def _worth_a_look(coefficients: Floats, base: Fit, temperature: Floats | None) -> bool:
     """False where only noise without memory was found and no regressor stands out of it."""
-    if len(base.effects) > 1:
+    if any(isinstance(effect, SLOW) for effect in base.effects):
         return True
     n, dt = coefficients.size, base.ordinates.sample_time_s
     regressors = [_ramp(n, dt)] + ([_dct(temperature)] if temperature is not None else [])
@@ -144,8 +144,8 @@ def _candidates(
         out.append((RateRamp(1.0), _ramp(n, dt)))
     if temperature is not None and Temperature.name not in taken and np.ptp(temperature) > 0.0:
         out.append((Temperature(1.0), _dct(temperature)))
-    if taken.count(BiasStep.name) < MOST_STEPS:
-        place, _ = _scan(current.coefficients, current.fit)
+    place, chi2 = _scan(current.coefficients, current.fit)
+    if taken.count(BiasStep.name) < MOST_STEPS and chi2 > 0.4 * _step_price(n):
         effect = BiasStep(start_s + place * dt, 1.0)
         out.append((effect, _dct((np.arange(n) >= place).astype(float))))
     return out
@@ -196,7 +196,9 @@ def _with_course(
         amounts = covariance @ (weighted @ coefficients)
         rest = coefficients - amounts @ design
         spectrum = _like(ordinates(rest, dt, current.peaks_hz), current.fit.ordinates)
-        noise = prune(fit(noise.effects, spectrum, noise.floor))
+        noise = fit(noise.effects, spectrum, noise.floor, rough=True)
+        if turn == 0:
+            noise = prune(noise, SLOW)
     errors = np.sqrt(np.diag(covariance))
     courses = tuple(
         Course(_with_amount(e, float(a)), x, float(a), float(s))

@@ -6,6 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
 from imu_noise_id.ambiguity import equal_names, upper_bounds
@@ -27,6 +28,7 @@ SMOOTH_DRAWS = 2
 SMOOTH = tuple(kind for kind in SOURCES if kind.name != "narrow_band")
 LINE_DOF = 3.0
 SKIRT = 0.15
+LONGEST_WHITE = 2**20
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,8 @@ class SeriesModel:
     notes : tuple of str
     fit : Fit
         Of the spectrum of what the courses and the lines leave.
+    white : (m,) float32
+        Leading samples of the record, whitened, of unit variance.
     """
 
     mean: float
@@ -54,6 +58,7 @@ class SeriesModel:
     bounds: tuple[UpperBound, ...]
     notes: tuple[str, ...]
     fit: Fit
+    white: NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -101,7 +106,20 @@ def estimate_series(series: Series, unit: str, temperature: Floats | None = None
     clean = series.values[contamination.observed]
     mean = float(clean[0] + np.mean(clean - clean[0]))
     bounds = upper_bounds(fitted, unit)
-    return SeriesModel(mean, effects, log_covariance, bounds, contamination.notes, fitted)
+    white = _whitened(analysis.explained)
+    return SeriesModel(mean, effects, log_covariance, bounds, contamination.notes, fitted, white)
+
+
+def _whitened(explained: Explained) -> NDArray[np.float32]:
+    """Leading samples of the noise divided by the root of its spectrum."""
+    grid = explained.fit.ordinates
+    rest = fft.idct(explained.coefficients, norm="ortho")[:LONGEST_WHITE]
+    coefficients = cosine_coefficients(rest)
+    frequency_hz = np.arange(rest.size) / (2.0 * rest.size * grid.sample_time_s)
+    psd = np.exp(np.interp(frequency_hz, grid.frequency_hz, np.log(explained.fit.spectrum.psd)))
+    coefficients[0] = 0.0
+    coefficients /= np.sqrt(psd / grid.sample_time_s)
+    return np.asarray(fft.idct(coefficients, norm="ortho"), dtype=np.float32)
 
 
 def _analyse_mended(

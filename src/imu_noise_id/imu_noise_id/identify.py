@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from imu_noise_id.allan import AllanCurve, allan
+from imu_noise_id.cca import Cca, past_future
+from imu_noise_id.cross_axes import cross_axes, with_effects
+from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.estimation import estimate_series
-from imu_noise_id.model import ChannelModel, NoiseModel
-from imu_noise_id.recording import Channel, Recording
+from imu_noise_id.model import (
+    ChannelModel,
+    Estimate,
+    FittedEffect,
+    NoiseModel,
+    TemperatureCourse,
+)
+from imu_noise_id.recording import Channel, Floats, Recording
 from imu_noise_id.series import Series, to_series
-
-if TYPE_CHECKING:
-    from imu_noise_id.cca import CcaModel
+from imu_noise_id.transport import Transport, find_transport, without_repeats
 
 SHORTEST = 32
+LEAST_FOR_CCA = 200
+COURSE_POINTS = 2000
 
 
 @dataclass(frozen=True)
@@ -32,7 +41,7 @@ class ChannelResult:
     allan : AllanCurve or None
         Of the recording as it is; None where it is too short.
     model : ChannelModel
-    cca : CcaModel or None
+    cca : Cca or None
         Past-future canonical variates; None where the channel is too short or constant.
     notes : tuple of str
         What a reader should know, one sentence each.
@@ -42,7 +51,7 @@ class ChannelResult:
     series: Series
     allan: AllanCurve | None
     model: ChannelModel
-    cca: CcaModel | None
+    cca: Cca | None
     notes: tuple[str, ...] = ()
 
 
@@ -87,52 +96,103 @@ def identify_recording(recording: Recording, workers: int = 2) -> Identification
     -------
     Identification
     """
-    notes = [
+    notes = tuple(
         f"{c.topic} {c.name}: the platform moved throughout, nothing identified"
         for c in recording.channels
         if not c.still.any()
-    ]
-    channels = [c for c in recording.channels if c.still.any()]
-    with ThreadPoolExecutor(max(workers, 1)) as pool:
-        results = tuple(pool.map(lambda c: identify_channel(c, recording), channels))
-    model = NoiseModel(tuple(r.model for r in results), None, recording.source)
-    return Identification(recording, results, model, tuple(notes))
-
-
-def identify_channel(channel: Channel, recording: Recording) -> ChannelResult:
-    """Curves and model of one channel that has a still sample."""
-    series = to_series(channel, recording.start_ns)
-    model, notes = identify_series(series, channel)
-    return ChannelResult(channel, series, allan(series), model, None, notes)
-
-
-def identify_series(series: Series, channel: Channel) -> tuple[ChannelModel, tuple[str, ...]]:
-    """Noise model of one series, and what a reader should know about it."""
-    seen = series.values[series.observed]
-    empty = ChannelModel(
-        channel.name,
-        channel.topic,
-        channel.unit,
-        channel.rate_hz,
-        series.mean,
-        (),
-        None,
-        channel.duration_s,
     )
-    if seen.size < SHORTEST:
-        return empty, (f"{seen.size} samples: too few for a noise model ({SHORTEST} are needed)",)
-    if np.all(seen == seen[0]):
-        return empty, ("constant: no noise is seen",)
-    found = estimate_series(series, channel.unit)
+    channels = [c for c in recording.channels if c.still.any()]
+    groups = {t: tuple(c for c in channels if c.topic == t) for t in {c.topic for c in channels}}
+    transports = {topic: find_transport(group) for topic, group in groups.items()}
+
+    def work(channel: Channel) -> tuple[ChannelResult, Floats]:
+        group = groups[channel.topic]
+        return _identify_channel(channel, group, transports[channel.topic], recording)
+
+    with ThreadPoolExecutor(max(workers, 1)) as pool:
+        found = list(pool.map(work, channels))
+    tied = cross_axes([(r.channel.topic, r.channel.name, white) for r, white in found])
+    results = tuple(
+        dataclasses.replace(r, model=with_effects(r.model, tied.get(r.channel.name, ())))
+        for r, _ in found
+    )
+    models = tuple(r.model for r in results)
+    model = NoiseModel(models, _course(recording, models), recording.source)
+    return Identification(recording, results, model, notes)
+
+
+def _identify_channel(
+    channel: Channel, group: tuple[Channel, ...], transport: Transport, recording: Recording
+) -> tuple[ChannelResult, Floats]:
+    """Curves and model of one channel that has a still sample, and its white residual."""
+    series = to_series(channel, recording.start_ns)
+    fresh = to_series(without_repeats(channel, group, transport.factor), recording.start_ns)
     model = ChannelModel(
         channel.name,
         channel.topic,
         channel.unit,
         channel.rate_hz,
-        found.mean,
-        found.effects,
-        found.log_covariance,
+        series.mean,
+        transport.effects,
+        None,
         channel.duration_s,
-        found.bounds,
     )
-    return model, found.notes
+    curve = allan(series)
+    reason = _nothing_to_see(fresh)
+    if reason:
+        result = ChannelResult(channel, series, curve, model, None, (reason,))
+        return result, np.zeros(0)
+    found = estimate_series(fresh, channel.unit, _temperature(recording, fresh))
+    held = transport.factor**-0.5
+    model = dataclasses.replace(
+        model,
+        mean=found.mean,
+        effects=tuple(_as_sent(e, held) for e in found.effects),
+        log_covariance=found.log_covariance,
+        bounds=found.bounds,
+    )
+    model = with_effects(model, transport.effects)
+    cca = past_future(series) if series.observed.sum() >= LEAST_FOR_CCA else None
+    return ChannelResult(channel, series, curve, model, cca, found.notes), found.white
+
+
+def _nothing_to_see(series: Series) -> str:
+    """Why a series has no noise model, or an empty string."""
+    seen = series.values[series.observed]
+    if seen.size < SHORTEST:
+        return f"{seen.size} samples: too few for a noise model ({SHORTEST} are needed)"
+    return "constant: no noise is seen" if np.all(seen == seen[0]) else ""
+
+
+def _as_sent(fitted: FittedEffect, factor: float) -> FittedEffect:
+    """White noise found at the rate of new samples, as a density at the rate of messages."""
+    if factor == 1.0 or not isinstance(fitted.effect, WhiteNoise):
+        return fitted
+    (row,) = fitted.estimates
+
+    def scaled(value: float | str | None) -> float | None:
+        return None if value is None or isinstance(value, str) else factor * value
+
+    changed = Estimate(
+        *(scaled(getattr(row, k)) for k in ("value", "std_error", "lower", "upper")), row.unit
+    )
+    return FittedEffect(WhiteNoise(factor * fitted.effect.density), (changed,), fitted.note)
+
+
+def _temperature(recording: Recording, series: Series) -> Floats | None:
+    """Recorded temperature at the samples of a series, held beyond its ends."""
+    channel = recording.temperature
+    if channel is None or channel.values.size < 2:
+        return None
+    stamps_s = (channel.stamp_ns - recording.start_ns) * 1e-9
+    return np.interp(series.time_s, stamps_s, channel.values)
+
+
+def _course(recording: Recording, models: tuple[ChannelModel, ...]) -> TemperatureCourse | None:
+    """Decimated temperature, where a channel depends on it."""
+    channel = recording.temperature
+    if channel is None or not any(m.find("temperature") for m in models):
+        return None
+    keep = np.unique(np.linspace(0, channel.values.size - 1, COURSE_POINTS).astype(int))
+    stamps_s = (channel.stamp_ns[keep] - recording.start_ns) * 1e-9
+    return TemperatureCourse(stamps_s, channel.values[keep])

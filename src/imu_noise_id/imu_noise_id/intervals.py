@@ -13,6 +13,9 @@ QUANTILE = float(stats.norm.ppf(0.975))
 DROP = 0.5 * QUANTILE**2
 ONE_SIDED_DROP = 0.5 * float(stats.norm.ppf(0.95)) ** 2
 PROFILE_FROM = 0.30
+LONGEST = 14.0
+MOST_PROFILED = 6
+"""Effects beyond which a profile costs more than it tells."""
 
 
 def estimates(fitted: Fit, unit: str) -> tuple[tuple[FittedEffect, ...], Floats]:
@@ -46,10 +49,11 @@ def estimates(fitted: Fit, unit: str) -> tuple[tuple[FittedEffect, ...], Floats]
 def _interval(
     fitted: Fit, theta: Floats, index: int, error: float
 ) -> tuple[float | None, float | None]:
-    if error < PROFILE_FROM and not fitted.at_limit[index]:
+    simple = error < PROFILE_FROM and not fitted.at_limit[index]
+    if simple or len(fitted.effects) > MOST_PROFILED:
         return (
-            float(np.exp(theta[index] - QUANTILE * error)),
-            float(np.exp(theta[index] + QUANTILE * error)),
+            float(np.exp(theta[index] - min(QUANTILE * error, LONGEST))),
+            float(np.exp(theta[index] + min(QUANTILE * error, LONGEST))),
         )
     ends = [_profile_end(fitted, theta, index, sign * max(error, 0.05)) for sign in (-1.0, 1.0)]
     return ends[0], ends[1]
@@ -75,7 +79,7 @@ def _profile_end(
         moved = start.copy()
         moved[index] = at
         effects = with_parameters(fitted.effects, moved)
-        trial = fit(effects, fitted.ordinates, fitted.floor, (index,))
+        trial = fit(effects, fitted.ordinates, fitted.floor, (index,), rough=True)
         return fitted.log_likelihood - trial.log_likelihood - allowed, parameter_vector(
             trial.effects
         )
@@ -88,7 +92,7 @@ def _profile_end(
         near, near_drop, start = far, far_drop, far_start
         step *= 1.6
         far += step
-        if abs(far - theta[index]) > 14.0:
+        if abs(far - theta[index]) > LONGEST:
             return None
         far_drop, far_start = drop(far, start)
     for _ in range(6):

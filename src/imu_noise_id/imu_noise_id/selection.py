@@ -32,7 +32,7 @@ PRICE = {
     "averaging": 12.0,
     "bandwidth_limit": 18.0,
 }
-MOST = {"gauss_markov": 3, "narrow_band": 6}
+MOST = {"gauss_markov": 3, "narrow_band": 5}
 STRENGTHS = ("density", "coefficient", "sigma")
 LEAST_GAIN = 0.1
 SLOW: tuple[type[StochasticEffect], ...] = (RateRandomWalk, BiasInstability, GaussMarkov)
@@ -93,15 +93,16 @@ def _may_have(effects: tuple[Effect, ...], kind: type[StochasticEffect]) -> bool
 
 def _grow(current: Fit, sources: tuple[type[StochasticEffect], ...]) -> Fit:
     """Best fit with one effect more, or the current one."""
-    trials = [current]
-    for kind in sources:
-        if _may_have(current.effects, kind):
-            trials += [
-                _refit(current, (*current.effects, s)) for s in kind.starts(current.residual)
-            ]
+    residual = current.residual
+    starts: list[Effect] = [
+        start
+        for kind in sources
+        if _may_have(current.effects, kind)
+        for start in kind.starts(residual)
+    ]
     if not any(isinstance(e, ResponseEffect) for e in current.effects):
-        trials += [_refit(current, (*current.effects, s)) for s in _response_starts(current)]
-    return max(trials, key=worth)
+        starts += _response_starts(current)
+    return max([current, *(_refit(current, (*current.effects, s)) for s in starts)], key=worth)
 
 
 def _response_starts(current: Fit) -> list[ResponseEffect]:
@@ -133,13 +134,13 @@ def _without(current: Fit, index: int) -> tuple[Effect, ...]:
     return current.effects[:index] + current.effects[index + 1 :]
 
 
-def prune(current: Fit) -> Fit:
-    """Leave out, one at a time, what is not worth its price."""
+def prune(current: Fit, kinds: tuple[type[Effect], ...] = (Effect,)) -> Fit:
+    """Leave out, one at a time, what of the kinds is not worth its price."""
     while len(current.effects) > LEAST_EFFECTS:
         fewer = [
             _refit(current, _without(current, i))
             for i, sure in enumerate(_beyond_doubt(current))
-            if not sure and _leaves_a_source(current, i)
+            if not sure and isinstance(current.effects[i], kinds) and _leaves_a_source(current, i)
         ]
         if not fewer:
             break

@@ -21,8 +21,8 @@ from imu_noise_id.recording import Floats
 MAX_STEP = 2.0
 MAX_ITERATIONS = 60
 TOLERANCE = 1e-5
-ROUGH_ITERATIONS = 25
-ROUGH_TOLERANCE = 0.02
+ROUGH_ITERATIONS = 15
+ROUGH_TOLERANCE = 0.05
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def fit(
     held : tuple of int
         Log parameters that stay where they are (for profiles).
     rough : bool
-        Stop where 0.02 nats are left to gain, for trials.
+        Stop where 0.05 nats are left to gain, for trials.
 
     Returns
     -------

@@ -11,7 +11,7 @@ from imu_noise_id.effects.base import Parameter, ResponseEffect
 from imu_noise_id.ordinates import Residual
 from imu_noise_id.recording import Floats
 
-ALIASES = 8
+ALIASES = 3
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ class NarrowBand(StochasticEffect):
 
     @classmethod
     def starts(cls, residual: Residual) -> tuple[StochasticEffect, ...]:
-        """Windows with the largest excess power, over all places and doubling widths."""
+        """Window with the largest excess power, over all places and doubling widths."""
         ordinates = residual.ordinates
         weight = 0.5 * ordinates.dof
         misfit = ordinates.power / residual.psd - 1.0
@@ -84,7 +84,7 @@ class NarrowBand(StochasticEffect):
                 if sigma > 0.0:
                     found.append((float(z[best]), start))
         found.sort(key=lambda item: -item[0])
-        return tuple(start for _, start in found[:2])
+        return tuple(start for _, start in found[:1])
 
     def psd(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
         """Sampled Lorentzians about +-f0."""

@@ -1,0 +1,85 @@
+"""What acts on a topic as a whole: held samples, jitter of the stamps, dropouts."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from imu_noise_id.effects.dropouts import Dropouts, dropout_parameters, gap_lengths
+from imu_noise_id.effects.held_samples import HeldSamples, fresh_samples, held_factor
+from imu_noise_id.effects.timestamp_jitter import TimestampJitter, jitter_std
+from imu_noise_id.model import Estimate, FittedEffect
+from imu_noise_id.recording import Channel
+
+LEAST_FACTOR = 1.1
+LEAST_JITTER = 0.01
+"""Of a sample period; what is below does no harm and is not named."""
+
+LEAST_GAPS = 3
+
+
+@dataclass(frozen=True)
+class Transport:
+    """Effects on the messages of one topic.
+
+    Attributes
+    ----------
+    effects : tuple of FittedEffect
+        Listed on each of the topic's channels.
+    factor : float
+        Messages per new sample, 1.0 where none is held.
+    """
+
+    effects: tuple[FittedEffect, ...]
+    factor: float
+
+
+def find_transport(channels: tuple[Channel, ...]) -> Transport:
+    """Effects on the transport of the channels of one topic, which share their stamps."""
+    first = channels[0]
+    effects: list[FittedEffect] = []
+    factor = held_factor([c.values for c in channels])
+    if factor >= LEAST_FACTOR:
+        effects.append(_exact(HeldSamples(factor), (factor,), ("1",)))
+    else:
+        factor = 1.0
+    jitter = jitter_std(first.stamp_ns, first.rate_hz)
+    if jitter > LEAST_JITTER / first.rate_hz:
+        error = jitter * float(np.sqrt(35.0 / 36.0 / max(first.stamp_ns.size, 1)))
+        row = Estimate(jitter, error, jitter - 1.96 * error, jitter + 1.96 * error, "s")
+        effects.append(FittedEffect(TimestampJitter(jitter), (row,)))
+    gaps = gap_lengths(first.stamp_ns, first.rate_hz).size
+    if gaps >= LEAST_GAPS:
+        effects.append(_dropouts(first, gaps))
+    return Transport(tuple(effects), factor)
+
+
+def without_repeats(channel: Channel, group: tuple[Channel, ...], factor: float) -> Channel:
+    """Return the channel with its new samples only, at the rate at which they come."""
+    if factor == 1.0:
+        return channel
+    fresh = np.any([fresh_samples(c.values) for c in group], axis=0)
+    return dataclasses.replace(
+        channel,
+        stamp_ns=channel.stamp_ns[fresh],
+        values=channel.values[fresh],
+        still=channel.still[fresh],
+        rate_hz=channel.rate_hz / factor,
+    )
+
+
+def _dropouts(channel: Channel, gaps: int) -> FittedEffect:
+    rate, length = dropout_parameters(channel.stamp_ns, channel.rate_hz)
+    spread = float(np.exp(1.96 / np.sqrt(gaps)))
+    rows = tuple(
+        Estimate(value, value / float(np.sqrt(gaps)), value / spread, value * spread, unit)
+        for value, unit in ((rate, "1/s"), (length, "s"))
+    )
+    return FittedEffect(Dropouts(rate, length), rows)
+
+
+def _exact(effect: HeldSamples, values: tuple[float, ...], units: tuple[str, ...]) -> FittedEffect:
+    rows = tuple(Estimate(v, None, None, None, u) for v, u in zip(values, units, strict=True))
+    return FittedEffect(effect, rows)
