@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
-from helpers.live import Listener, Program, write_still_bag
 from imu_noise_id.bags import read_recording
 from imu_noise_id.identify import identify_recording
 from imu_noise_id.live import findings
@@ -18,6 +17,7 @@ from imu_noise_id.ros.messages import allan_messages, model_message, to_time
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 
+from helpers.live import Listener, Program, write_still_bag
 from noise_msgs.msg import AllanCurve, NoiseModel
 from noise_msgs.srv import Identify, Reset
 

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 import yaml
-from helpers.live import Listener, Program
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.parameter import parameter_value_to_python
+
+from helpers.live import Listener, Program
 
 Start = Callable[..., Program]
 NODES = [("imu_noise_id", "identify"), ("nav_fusion", "fuse")]
