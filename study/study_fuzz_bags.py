@@ -23,6 +23,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
 from helpers import damaged_bags as damaged
 
 GROWTH_LIMIT_MB = 400.0
+JUDGED = 11
+"""Of so many bags, one's stamps and motion are looked into too, which takes most of the time."""
 
 
 def sources(folder: Path) -> list[tuple[str, bytes, list[int], str]]:
@@ -49,7 +51,7 @@ def one(seed: int, bags: list[tuple[str, bytes, list[int], str]], folder: Path) 
     damage = damaged.DAMAGES[seed // len(bags) % len(damaged.DAMAGES)]
     path = folder / f"damaged{suffix}"
     path.write_bytes(damage(bytearray(data), heads, rng))
-    return f"{name}, {damage.__name__}", damaged.read_or_refuse(path)
+    return f"{name}, {damage.__name__}", damaged.read_or_refuse(path, judged=seed % JUDGED == 0)
 
 
 def systematic(folder: Path) -> int:

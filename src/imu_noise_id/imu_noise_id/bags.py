@@ -4,6 +4,11 @@ A bag is a rosbag2 folder (MCAP or sqlite3, split or not, compressed in any of r
 one ``.mcap`` file.  Chunks are unpacked and decoded as arrays, on several threads because unpacking
 leaves the interpreter lock alone, and appended in their order: the result does not depend on the
 number of threads, and memory grows with the samples kept.
+
+What a file says of itself claims no memory: a chunk may unpack to `mcap_file.CHUNK_LIMIT` (128 MiB,
+up to two of them a thread at a time), a message compressed by itself to 64 KiB, a file compressed
+whole to `bag_files.UNPACKED_LIMIT` times its size (on disk), metadata.yaml may have 1 MiB.  No file
+outside the bag's folder is opened.
 """
 
 from __future__ import annotations
