@@ -132,6 +132,8 @@ def steady_covariance(
         A, G, P = A_W @ A, _symmetric(new_G), _symmetric(new_P)
         if done:
             return P
+        if np.max(np.abs(P)) > 1e60:
+            break
     raise np.linalg.LinAlgError("the filter has no steady state")
 
 
