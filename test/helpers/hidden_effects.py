@@ -25,7 +25,7 @@ CERTAIN = float("inf")
 class Hidden:
     """Arrays of one topic with what was hidden in them.
 
-    ``truth`` maps a channel to the names that are right for it, best first; ``gain`` is the
+    ``truth`` maps a channel to the names of what was hidden there; ``gain`` is the
     expected log-likelihood gain of the weakest hidden effect in nats.
     """
 
@@ -106,7 +106,7 @@ def gain_of_spectrum(extra: np.ndarray, sensor: Sensor, f: np.ndarray) -> float:
 
 
 def amplitude_for(gain, target: float, low: float, high: float) -> float:
-    """Amplitude at which an increasing ``gain(amplitude)`` reaches the target (bisection in log)."""
+    """Amplitude at which an increasing ``gain(amplitude)`` reaches the target, by bisection."""
     for _ in range(60):
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if gain(middle) < target else (low, middle)
@@ -371,19 +371,24 @@ def recording(
     rate_hz: float = 200.0,
     names: tuple[str, ...] = IMU_CHANNELS,
     sensor_seed: int | None = None,
+    noise_seed: int | None = None,
 ) -> Hidden:
     """One recording with one hidden effect, or with none (``kind`` "nothing").
 
-    The clean sensor depends on ``sensor_seed`` (``seed`` if not given), everything else on ``seed``.
+    ``a+b`` hides two effects on two channels, ``a&b`` two on one.  The clean sensor depends on
+    ``sensor_seed``, its noise on ``noise_seed`` (``seed`` where not given), the effect on ``seed``.
     """
-    rng = np.random.default_rng([seed, 2])
+    rng = np.random.default_rng([seed if noise_seed is None else noise_seed, 2])
     made = sensors(seed if sensor_seed is None else sensor_seed, names)
     n, dt = round(duration_s * rate_hz), 1.0 / rate_hz
     values = {name: clean(made[name], n, dt, rng) for name in names}
     out = Hidden(kind, np.rint(np.arange(n) * dt * 1e9).astype(np.int64), values, rate_hz)
     _warm(out, duration_s, rng)
+    rng = np.random.default_rng([seed, 3])
     for part in kind.split("+"):
-        _hide(out, part, nats, made, rng)
+        name = str(rng.choice([name for name in names if name not in out.truth]))
+        for single in part.split("&"):
+            _hide(out, single, nats, made, rng, name)
     return out
 
 
@@ -396,22 +401,22 @@ def _warm(out: Hidden, duration_s: float, rng: np.random.Generator) -> None:
     out.temperature_ns = (t * 1_000_000_000).astype(np.int64)
 
 
-def _hide(out: Hidden, kind: str, nats: float, made: dict, rng: np.random.Generator) -> None:
+def _hide(
+    out: Hidden, kind: str, nats: float, made: dict, rng: np.random.Generator, name: str
+) -> None:
     names = list(out.values)
     dt = 1.0 / out.rate_hz
-    free = [name for name in names if name not in out.truth]
-    name = str(rng.choice(free))
     if kind in ON_ONE_CHANNEL or kind in OUTSIDE:
         make, right = ON_ONE_CHANNEL.get(kind) or (OUTSIDE[kind], ("",))
         out.values[name], out.gain = make(out.values[name], made[name], dt, nats, rng)
-        out.truth[name] = right
+        out.truth[name] = (*out.truth.get(name, ()), *right)
     elif kind == "temperature":
         assert out.temperature is not None
         t = np.arange(out.values[name].size) * dt
         lagged = np.interp(t - 4.0, np.arange(out.temperature.size), out.temperature)
         shape = lagged - lagged.mean()
         out.values[name] = out.values[name] + scaled_course(shape, made[name], dt, nats)
-        out.truth[name], out.gain = ("temperature",), nats
+        out.truth[name], out.gain = (*out.truth.get(name, ()), "temperature"), nats
     elif kind == "cross_axis":
         other = str(rng.choice([n for n in names if n != name]))
         _share(out, (name, other), made, nats, rng)
@@ -450,5 +455,5 @@ def _transport(out: Hidden, kind: str, rng: np.random.Generator) -> None:
             keep[start + 1 : start + 1 + int(rng.integers(2, 40))] = False
         out.stamp_ns = out.stamp_ns[keep]
         out.values = {k: v[keep] for k, v in out.values.items()}
-    out.truth = {name: (kind,) for name in out.values}
+    out.truth = dict.fromkeys(out.values, (kind,))
     out.gain = CERTAIN

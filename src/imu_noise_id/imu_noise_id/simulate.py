@@ -202,9 +202,10 @@ def _course_mean(
     if not channel.duration_s:
         return 0.0
     n = max(round(channel.duration_s / sample_time_s), 1)
-    time_s: Floats = np.arange(n) * sample_time_s
+    time_s = np.asarray(np.arange(n) * sample_time_s, dtype=np.float64)
     if temperature is not None:
-        temperature = np.interp(time_s, np.arange(temperature.size) * sample_time_s, temperature)
+        course_s = np.arange(temperature.size) * sample_time_s
+        temperature = np.interp(time_s, course_s, temperature).astype(np.float64)
     courses = [e.course(time_s, temperature) for e in effects if isinstance(e, CourseEffect)]
     return float(sum(np.mean(course) for course in courses))
 

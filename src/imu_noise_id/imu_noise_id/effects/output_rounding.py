@@ -82,7 +82,8 @@ def rounding_step(values: Floats) -> float | None:
 
 def _refine(values: Floats, start: float) -> float | None:
     """Least-squares step about ``start``, or None where the values do not lie on its comb."""
-    x = np.unique(values) - np.median(values)
+    low, high = np.quantile(values, [0.01, 0.99])  # hits need not lie on the comb
+    x = np.unique(values[(values >= low) & (values <= high)]) - np.median(values)
     x = x[np.argsort(np.abs(x))]
     step = start
     reach = 4.0

@@ -125,7 +125,9 @@ def decode(means: Floats, dwell: float, rounds: int = 12) -> Decoded:
     total = _smooth(density, stay)[0]
     path = _viterbi(density, stay)
     given = float(np.sum(density[np.arange(means.size), path.astype(int)]))
-    return Decoded(path, low, high, sigma, 1.0 / (1.0 - stay), total, given)
+    # a chance p of another level after one block is (1 - exp(-2/dwell))/2
+    dwell = -2.0 / float(np.log(max(2.0 * stay - 1.0, 1e-3)))
+    return Decoded(path, low, high, sigma, dwell, total, given)
 
 
 def _densities(means: Floats, low: float, high: float, sigma: float) -> Floats:

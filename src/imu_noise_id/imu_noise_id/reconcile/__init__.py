@@ -4,7 +4,10 @@
 ``mended`` last.
 """
 
-from imu_noise_id.reconcile.loop import reconcile_recording
+from imu_noise_id.reconcile.loop import (
+    compare_recording,
+    reconcile_recording,
+)
 from imu_noise_id.reconcile.result import (
     ChannelReconciliation,
     Gap,
@@ -22,6 +25,7 @@ __all__ = [
     "Reconciliation",
     "Step",
     "Where",
+    "compare_recording",
     "reconcile_recording",
     "reconciliation_tree",
 ]

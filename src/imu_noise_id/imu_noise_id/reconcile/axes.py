@@ -10,9 +10,9 @@ from scipy import fft
 
 from imu_noise_id.effects.cross_axis import CrossAxis
 from imu_noise_id.model import ChannelModel
-from imu_noise_id.recording import Floats
 from imu_noise_id.reconcile.battery import Whitened
 from imu_noise_id.reconcile.null import log_p_of
+from imu_noise_id.recording import Floats
 
 BANDS = 120
 TRIMMED = 6

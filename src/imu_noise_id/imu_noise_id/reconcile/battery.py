@@ -15,8 +15,8 @@ from scipy import fft
 
 from imu_noise_id.effects.variance_change import variance_scan
 from imu_noise_id.ordinates import bin_edges
-from imu_noise_id.recording import Floats
 from imu_noise_id.reconcile.result import Where
+from imu_noise_id.recording import Floats
 
 NAMES = ("spectrum", "line", "modulation", "kurtosis", "skewness", "extreme", "burst", "levels")
 """Statistics with a simulated null, in the order of their columns."""

@@ -13,7 +13,6 @@ from imu_noise_id.effects.outliers import Outliers
 from imu_noise_id.effects.output_rounding import OutputRounding
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
 from imu_noise_id.model import ChannelModel
-from imu_noise_id.recording import Channel, Floats, Recording
 from imu_noise_id.reconcile.battery import BURST_BLOCKS
 from imu_noise_id.reconcile.compare import Finding
 from imu_noise_id.reconcile.contamination import (
@@ -34,6 +33,7 @@ from imu_noise_id.reconcile.null import load_null, z_of
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE, Where
 from imu_noise_id.reconcile.state import State, analyse
 from imu_noise_id.reconcile.work import Work, drafted, initial_state
+from imu_noise_id.recording import Channel, Floats, Recording
 from imu_noise_id.series import Series, to_series
 
 COARSE = 0.8
@@ -153,7 +153,7 @@ def _settle(
     factor: float,
     rng: np.random.Generator,
 ) -> Work:
-    """Answer timing, hold, clipping, rounding, bursts that the model has, and hits, in this order."""
+    """Answer timing, hold, clipping, rounding, the model's bursts and hits, in this order."""
     model = work.model
     raw = work.channel.values
     effects = {f.name: f.effect for f in model.effects}
@@ -189,7 +189,7 @@ def _unclip(work: Work, given: Effect, rng: np.random.Generator) -> Work:
 
 
 def _given_burst(work: Work) -> Work:
-    """Take a burst that the model has out of the record, or the burst that is not there out of it."""
+    """Take a burst that the model has out of the record, or say that it is not there."""
     for fitted in work.model.effects:
         burst = fitted.effect
         if not isinstance(burst, VarianceChange):

@@ -20,8 +20,8 @@ from imu_noise_id.effects.outliers import THRESHOLD, Outliers, outlier_mask, out
 from imu_noise_id.effects.output_rounding import FINEST, OutputRounding, rounding_step
 from imu_noise_id.effects.saturation import Saturation, saturation_limit
 from imu_noise_id.effects.timestamp_jitter import TimestampJitter, jitter_std
-from imu_noise_id.recording import Channel, Floats, Mask
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE, Where
+from imu_noise_id.recording import Channel, Floats, Mask
 
 CERTAIN_Z = 60.0
 SAME_STEP = 0.03
@@ -108,7 +108,7 @@ def hold_change(values: list[Floats], given: Effect | None) -> tuple[Change | No
     """Difference in held samples of one topic, and the factor that its samples show."""
     seen = held_factor(values)
     said = given.factor if isinstance(given, HeldSamples) else 1.0
-    if values and values[0].size / seen < LEAST_HELD_SAMPLES or seen < 1.02:
+    if (values and values[0].size / seen < LEAST_HELD_SAMPLES) or seen < 1.02:
         seen = 1.0
     if abs(seen / said - 1.0) < 0.02:
         return None, said

@@ -20,12 +20,12 @@ from imu_noise_id.effects.temperature import Temperature
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.ordinates import Residual
-from imu_noise_id.recording import Floats
 from imu_noise_id.reconcile.battery import BURST_BLOCKS
 from imu_noise_id.reconcile.compare import step_scores
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, without
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
 from imu_noise_id.reconcile.state import Analysis, Column, State, analyse, course_column
+from imu_noise_id.recording import Floats
 from imu_noise_id.selection import RESPONSES, SOURCES
 
 PRICE_PER_PARAMETER = 3.0
@@ -164,7 +164,7 @@ def line_columns(frequency_hz: float, state: State) -> tuple[Column, Column]:
 
 
 def strongest_line(samples: Floats, sample_time_s: float) -> float:
-    """Frequency of the largest ordinate, refined by a parabola through its padded neighbours, Hz."""
+    """Frequency of the largest ordinate, refined by a parabola through its neighbours, Hz."""
     n = samples.size
     power = np.abs(fft.rfft(samples)) ** 2
     power[0] = 0.0
@@ -250,7 +250,7 @@ def _bursts(state: State, found: Analysis) -> list[Candidate]:
     ratio = inside / outside
     times = state.start_s + state.sample_time_s * np.array([first, last])
     effect = VarianceChange(float(times[0]), float(times[1]), ratio)
-    smooth = max(int(round(1.0 / state.sample_time_s)), 8)
+    smooth = max(round(1.0 / state.sample_time_s), 8)
     quiet = state.with_values(quieten(state.values, first, last, ratio, smooth))
     after = analyse(replace(quiet, effects=found.fit.effects))
     quiet = replace(quiet, effects=after.fit.effects)

@@ -20,10 +20,10 @@ from scipy import fft
 from scipy.special import chdtr, chdtrc, ndtri
 
 from imu_noise_id.ordinates import ordinates
-from imu_noise_id.recording import Floats
 from imu_noise_id.reconcile.battery import Whitened, battery, deviance
 from imu_noise_id.reconcile.null import Null, z_of
 from imu_noise_id.reconcile.state import Analysis, Column, State, analyse, inverse_psd, whiten
+from imu_noise_id.recording import Floats
 
 GROUPS = 100
 STRETCHES = 64

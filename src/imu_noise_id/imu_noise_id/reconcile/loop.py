@@ -10,7 +10,6 @@ import numpy as np
 
 from imu_noise_id.effects.cross_axis import CrossAxis
 from imu_noise_id.model import ChannelModel, NoiseModel
-from imu_noise_id.recording import Channel, Recording
 from imu_noise_id.reconcile.axes import Tie, ties
 from imu_noise_id.reconcile.clean import answer_hits, open_topic
 from imu_noise_id.reconcile.compare import Finding, Findings
@@ -19,6 +18,7 @@ from imu_noise_id.reconcile.mended import channel_result, mended_model, unmodell
 from imu_noise_id.reconcile.null import z_of
 from imu_noise_id.reconcile.result import ADD, REFIT, ChannelReconciliation, Reconciliation, Where
 from imu_noise_id.reconcile.work import Work, drafted
+from imu_noise_id.recording import Channel, Recording
 
 FALSE_ALARM_RATE = 0.01
 TOLD_APART = 5.0
@@ -57,18 +57,7 @@ def reconcile_recording(
     -------
     Reconciliation
     """
-    models = {c.name: c for c in model.channels}
-    known = [c for c in recording.channels if c.name in models and c.still.any()]
-    levels = _Levels(false_alarm_rate, known)
-    by_topic = {
-        t: [c for c in known if c.topic == t] for t in dict.fromkeys(c.topic for c in known)
-    }
-    works: dict[str, Work] = {}
-    for number, channels in enumerate(by_topic.values()):
-        rng = np.random.default_rng([seed, number])
-        opened = open_topic(channels, models, recording, levels.timing, rng)
-        works.update({w.name: w for w in opened})
-    works = _tie(works, models, levels.tie)
+    works, levels = _opened(recording, model, seed, false_alarm_rate)
 
     def explained(name: str) -> Work:
         done = explain(works[name], levels.channel)
@@ -82,6 +71,39 @@ def reconcile_recording(
     with ThreadPoolExecutor(max(workers, 1)) as pool:
         results = dict(zip(works, pool.map(explained, works), strict=True))
     return _assemble(recording, model, results, levels)
+
+
+def compare_recording(
+    recording: Recording,
+    model: NoiseModel,
+    seed: int = 0,
+    false_alarm_rate: float = FALSE_ALARM_RATE,
+) -> tuple[ChannelReconciliation, ...]:
+    """Only whether recording and model agree, and where not: cheap enough for a live node.
+
+    Returns
+    -------
+    tuple of ChannelReconciliation
+        ``agrees`` or ``unexplained``; a hold, rounding or hits that the model lacks come as steps.
+    """
+    works, levels = _opened(recording, model, seed, false_alarm_rate)
+    return tuple(channel_result(work, levels.channel) for work in works.values())
+
+
+def _opened(
+    recording: Recording, model: NoiseModel, seed: int, rate: float
+) -> tuple[dict[str, Work], _Levels]:
+    """Every channel with its contamination answered."""
+    models = {c.name: c for c in model.channels}
+    known = [c for c in recording.channels if c.name in models and c.still.any()]
+    levels = _Levels(rate, known)
+    works: dict[str, Work] = {}
+    for number, topic in enumerate(dict.fromkeys(c.topic for c in known)):
+        channels = [c for c in known if c.topic == topic]
+        rng = np.random.default_rng([seed, number])
+        opened = open_topic(channels, models, recording, levels.timing, rng)
+        works.update({w.name: w for w in opened})
+    return _tie(works, models, levels.tie), levels
 
 
 class _Levels:
@@ -121,7 +143,8 @@ def explain(work: Work, log_level: float) -> Work:
     """Change one channel's model until nothing significant is left or nothing helps.
 
     Where something significant remains, only the first changes are kept that halved the worst
-    statistic and the gap on unseen data each: what is in no catalogue collects names that close no gap.
+    statistic and the gap on unseen data each: what is in no catalogue collects names that close
+    no gap.
     """
     trail: list[tuple[Work, Findings]] = [(work, work.findings())]
     while len(trail) <= MOST_STEPS:

@@ -15,7 +15,6 @@ from imu_noise_id.model import (
     NoiseModel,
     TemperatureCourse,
 )
-from imu_noise_id.recording import Channel, Floats, Recording
 from imu_noise_id.reconcile.evidence import sentence
 from imu_noise_id.reconcile.prior import UnseenDrift
 from imu_noise_id.reconcile.result import (
@@ -30,6 +29,7 @@ from imu_noise_id.reconcile.result import (
     Step,
 )
 from imu_noise_id.reconcile.work import SIZE_NAMES, Draft, Work
+from imu_noise_id.recording import Channel, Floats, Recording
 from imu_noise_id.simulate import in_order
 
 QUANTILE = 1.959963984540054
@@ -270,7 +270,7 @@ def _covariance(work: Work, kept: list[FittedEffect], spectral: list[FittedEffec
             if isinstance(estimate.value, str):
                 continue
             key = (index, parameter.name)
-            rows.append(keys.index(key) if index is not None and key in keys else None)  # type: ignore[arg-type]
+            rows.append(keys.index(key) if index is not None and key in keys else None)
             error = estimate.std_error or 0.0
             scale = float(estimate.value or 1.0) if parameter.positive else 1.0
             variances.append((error / scale) ** 2)
@@ -290,5 +290,5 @@ def _seen_rows(effects: tuple[Effect, ...]) -> list[int]:
 
 def _course(temperature: Channel, start_ns: int) -> TemperatureCourse:
     step = max(temperature.values.size // TEMPERATURE_POINTS, 1)
-    time_s = (temperature.stamp_ns[::step] - start_ns) * 1e-9
+    time_s: Floats = np.asarray((temperature.stamp_ns[::step] - start_ns) * 1e-9)
     return TemperatureCourse(time_s, temperature.values[::step])

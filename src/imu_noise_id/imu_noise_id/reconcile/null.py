@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from scipy.special import log_ndtr, ndtri
 
-from imu_noise_id.recording import Floats
 from imu_noise_id.reconcile.battery import NAMES, battery, white_record
+from imu_noise_id.recording import Floats
 
 VERSION = 2
 SIMULATIONS = 900
@@ -81,7 +81,7 @@ def load_null(
     simulations : int
     """
     octave = np.round(np.log2(samples) * LENGTHS_PER_OCTAVE) / LENGTHS_PER_OCTAVE
-    n = int(round(2.0**octave))
+    n = round(2.0 ** float(octave))
     interval = float(f"{sample_time_s:.2g}")
     path = _cache_folder() / f"null_v{VERSION}_{n}_{interval:g}_{simulations}.npz"
     if path.is_file():

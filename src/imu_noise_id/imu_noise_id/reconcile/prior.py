@@ -217,7 +217,9 @@ def without(prior: Prior, dropped: list[int]) -> Prior:
     kept, free = np.flatnonzero(keep), np.flatnonzero(~keep)
     block[np.ix_(kept, np.arange(kept.size))] = axes
     block[free, kept.size + np.arange(free.size)] = 1.0
-    std_error = np.concatenate((np.sqrt(np.maximum(variance, 1e-8)), np.full(free.size, FREE_STD_ERROR)))
+    std_error = np.concatenate(
+        (np.sqrt(np.maximum(variance, 1e-8)), np.full(free.size, FREE_STD_ERROR))
+    )
     return replace(prior, axes=block, std_error=std_error)
 
 
@@ -260,7 +262,7 @@ def map_fit(
                 break
     curvature = information(spectrum.tangent, ordinates.dof) + prior.slope_and_curvature(theta)[1]
     ridge = np.diag(1e-9 * np.diag(curvature) + 1e-3)
-    covariance = np.linalg.inv(curvature + ridge) if theta.size else np.zeros((0, 0))
+    covariance = np.asarray(np.linalg.inv(curvature + ridge)) if theta.size else np.zeros((0, 0))
     return MapFit(with_parameters(effects, theta), objective, likelihood, spectrum, covariance)
 
 

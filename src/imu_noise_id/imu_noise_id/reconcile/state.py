@@ -9,9 +9,9 @@ from scipy import fft
 
 from imu_noise_id.effects.base import CourseEffect, Effect
 from imu_noise_id.ordinates import Ordinates, bin_edges, ordinates
-from imu_noise_id.recording import Floats
 from imu_noise_id.reconcile.battery import Whitened
 from imu_noise_id.reconcile.prior import MapFit, Prior, map_fit
+from imu_noise_id.recording import Floats
 from imu_noise_id.whittle import spectrum_of
 
 COURSE_ROUNDS = 2
@@ -69,7 +69,7 @@ class State:
     @property
     def time_s(self) -> Floats:
         """Time of each sample since the recording's first stamp."""
-        return self.start_s + self.sample_time_s * np.arange(self.values.size)
+        return np.asarray(self.start_s + self.sample_time_s * np.arange(self.values.size))
 
     def with_values(self, values: Floats) -> State:
         """The same model on other samples."""

@@ -11,7 +11,6 @@ from imu_noise_id.effects.output_rounding import OutputRounding
 from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.model import ChannelModel
-from imu_noise_id.recording import Channel, Floats
 from imu_noise_id.reconcile.compare import Finding, Findings, examine
 from imu_noise_id.reconcile.explain import line_columns
 from imu_noise_id.reconcile.gap import LOCAL, held_out_score, whole_score
@@ -19,6 +18,7 @@ from imu_noise_id.reconcile.null import Null
 from imu_noise_id.reconcile.prior import Prior, prior_of, spectral, unseen_drift
 from imu_noise_id.reconcile.result import HeldOut, Where
 from imu_noise_id.reconcile.state import Analysis, Column, State, analyse, course_column
+from imu_noise_id.recording import Channel, Floats
 from imu_noise_id.whittle import parameter_vector
 
 SIZE_NAMES = {"rate_ramp": "slope", "bias_step": "height", "temperature": "coefficient"}

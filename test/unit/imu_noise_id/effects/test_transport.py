@@ -1,0 +1,36 @@
+"""Effects on stamps: jitter and dropouts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from imu_noise_id.effects.dropouts import Dropouts, dropout_parameters
+from imu_noise_id.effects.timestamp_jitter import TimestampJitter, jitter_std
+
+RATE_HZ = 200.0
+STAMPS = np.arange(60_000) / RATE_HZ
+
+
+def in_ns(stamp_s: np.ndarray) -> np.ndarray:
+    return np.rint(stamp_s * 1e9).astype(np.int64)
+
+
+def test_jitter_gives_back_its_deviation_and_keeps_the_order() -> None:
+    sent, index = TimestampJitter(3e-4).transport(STAMPS, 1.0 / RATE_HZ, np.random.default_rng(0))
+    assert np.all(np.diff(sent) >= 0.0)
+    assert np.array_equal(index, np.arange(STAMPS.size))
+    assert jitter_std(in_ns(sent), RATE_HZ) == pytest.approx(3e-4, rel=0.02)
+
+
+def test_a_drifting_clock_is_no_jitter() -> None:
+    drifting = STAMPS * (1.0 + 1e-4) + 1e-8 * STAMPS**2
+    assert jitter_std(in_ns(drifting), RATE_HZ) < 1e-8
+
+
+def test_dropouts_give_back_rate_and_length() -> None:
+    sent, index = Dropouts(0.5, 0.06).transport(STAMPS, 1.0 / RATE_HZ, np.random.default_rng(1))
+    rate, length_s = dropout_parameters(in_ns(sent), RATE_HZ)
+    assert np.array_equal(sent, STAMPS[index])
+    assert rate == pytest.approx(0.5, rel=0.3)
+    assert length_s == pytest.approx(0.06, rel=0.3)
+    assert dropout_parameters(in_ns(STAMPS), RATE_HZ) == (0.0, 0.0)

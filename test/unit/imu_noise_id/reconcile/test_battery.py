@@ -1,0 +1,150 @@
+"""The battery, its null and the score on white records, and on records that are not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from imu_noise_id.effects.gauss_markov import GaussMarkov
+from imu_noise_id.effects.white_noise import WhiteNoise
+from imu_noise_id.ordinates import Ordinates
+from imu_noise_id.reconcile.battery import NAMES, battery, white_record
+from imu_noise_id.reconcile.compare import combined, step_scores
+from imu_noise_id.reconcile.gap import deviates_of_power, held_out_score, whole_score
+from imu_noise_id.reconcile.null import Null, load_null, log_p_of, simulate_null, z_of
+from imu_noise_id.reconcile.prior import FREE_STD_ERROR, Prior, map_fit, without
+from imu_noise_id.reconcile.state import State, analyse
+from scipy import stats
+
+N, DT = 6000, 0.01
+EFFECTS = (WhiteNoise(1e-3), GaussMarkov(1e-3, 2.0))
+PRIOR = Prior(np.log([1e-3, 1e-3, 2.0]), np.eye(3), np.array([0.01, 0.2, 0.3]))
+
+
+@pytest.fixture(scope="module")
+def null() -> Null:
+    return simulate_null(N, DT, 2, 200)
+
+
+def state_of(seed: int, extra: np.ndarray | float = 0.0) -> State:
+    rng = np.random.default_rng(seed)
+    values = sum(e.simulate(N, DT, rng) for e in EFFECTS) + extra
+    return State(values, DT, 0.0, None, EFFECTS, PRIOR)
+
+
+def test_the_null_does_not_depend_on_the_number_of_workers(null: Null) -> None:
+    assert np.array_equal(simulate_null(N, DT, 1, 200).nats, null.nats)
+
+
+def test_the_null_is_simulated_once_and_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    first = load_null(1000, DT, 1, 20)
+    (stored,) = tmp_path.rglob("*.npz")
+    changed = stored.stat().st_mtime_ns
+    assert np.array_equal(load_null(1010, DT, 1, 20).nats, first.nats)
+    assert stored.stat().st_mtime_ns == changed
+
+
+def test_a_cache_that_cannot_be_written_costs_only_the_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert load_null(1000, DT, 1, 20).nats.shape == (20, len(NAMES))
+
+
+def test_p_values_are_uniform_in_the_middle_and_exponential_in_the_tail(null: Null) -> None:
+    column = null.nats[:, null.names.index("line")]
+    assert np.exp(null.log_p("line", float(np.median(column)))) == pytest.approx(0.5, abs=0.02)
+    far = null.log_p("line", float(column.max()) + 20.0)
+    assert far < null.log_p("line", float(column.max()) + 10.0) < np.log(1e-3)
+
+
+def test_deviates_and_p_values_are_each_others_inverse() -> None:
+    for z in (0.5, 3.0, 8.0, 40.0, 300.0):
+        assert z_of(log_p_of(z)) == pytest.approx(z, rel=1e-4)
+
+
+def test_the_smallest_of_many_p_values_is_corrected() -> None:
+    assert np.exp(combined(float(np.log(0.01)), 10)) == pytest.approx(1.0 - 0.99**10)
+    assert combined(-50.0, 10) == pytest.approx(-50.0 + np.log(10.0))
+
+
+def test_powers_become_normal_deviates() -> None:
+    dof = np.array([1.0, 4.0, 1000.0])
+    ratio = stats.chi2.ppf(stats.norm.cdf(2.0), dof) / dof
+    np.testing.assert_allclose(deviates_of_power(ratio, dof), 2.0, rtol=1e-9)
+    assert np.all(np.isfinite(deviates_of_power(np.array([0.0, 1e6]), np.array([50.0, 50.0]))))
+
+
+def test_white_records_pass_and_a_line_a_burst_and_hits_do_not(null: Null) -> None:
+    rng = np.random.default_rng(3)
+    clean = rng.standard_normal(N)
+    burst, hit = clean.copy(), clean.copy()
+    burst[2000:3000] *= 1.5
+    hit[::500] += 12.0
+    line = clean + 0.2 * np.sin(0.8 * np.arange(N))
+
+    def worst(samples: np.ndarray) -> str:
+        found = battery(white_record(samples, DT))
+        return min(found, key=lambda s: null.log_p(s.name, s.nats)).name
+
+    quiet = battery(white_record(clean, DT))
+    assert all(null.log_p(s.name, s.nats) > np.log(1e-3) for s in quiet)
+    assert worst(line) == "line"
+    assert worst(burst) == "burst"
+    assert worst(hit) in ("kurtosis", "extreme")
+
+
+def test_step_scores_are_those_of_least_squares() -> None:
+    state = state_of(5)
+    found = analyse(state)
+    z, power, _ = step_scores(state, found)
+    from scipy import fft
+
+    for t in (1, 777, 3000, N - 2):
+        shape = fft.dct((np.arange(N) >= t).astype(float), norm="ortho")
+        weight = found.inverse_psd * DT
+        energy = float(shape @ (weight * shape))
+        direct = float(shape @ (weight * found.coefficients)) / np.sqrt(energy)
+        assert power[t - 1] == pytest.approx(energy, rel=1e-6)
+        assert z[t - 1] == pytest.approx(direct, abs=1e-6)
+
+
+def test_scores_are_one_under_the_model_and_more_without_it(null: Null) -> None:
+    whole, unseen, local = [], [], []
+    for seed in range(12):
+        state = state_of(seed)
+        found = analyse(state)
+        whole.append(whole_score(found, null, frozenset()))
+        unseen.append(held_out_score(state, found, null, frozenset()))
+        local.append(held_out_score(state, found, null, frozenset(), local=True))
+    for scores in (whole, unseen, local):
+        assert np.mean(scores) == pytest.approx(1.0, abs=0.08)
+        assert np.max(scores) < 1.5
+    line = 0.01 * np.sin(2.0 * np.pi * 20.0 * np.arange(N) * DT)
+    state = state_of(1, line)
+    assert held_out_score(state, analyse(state), null, frozenset()) > 2.0
+
+
+def test_the_prior_holds_what_is_known_and_lets_the_rest_go() -> None:
+    state = state_of(7, 2e-3 * np.cumsum(np.random.default_rng(1).standard_normal(N)) * 0.1)
+    found = analyse(state)
+    assert found.fit.effects[0].density == pytest.approx(1e-3, rel=0.03)  # type: ignore[attr-defined]
+    free = map_fit(state.effects, found.ordinates, without(PRIOR, [0, 1, 2]))
+    assert free.objective > found.fit.objective
+    assert np.all(without(PRIOR, [0, 1, 2]).std_error == FREE_STD_ERROR)
+    partly = without(PRIOR, [1])
+    moved = PRIOR.centre + np.array([0.0, 5.0, 0.0])
+    assert partly.cost(moved) < 1e-4 < PRIOR.cost(moved)
+
+
+def test_the_map_fit_climbs_to_where_the_gradient_is_zero() -> None:
+    state = state_of(9)
+    bins: Ordinates = analyse(state).ordinates
+    fitted = map_fit(EFFECTS, bins, PRIOR)
+    again = map_fit(fitted.effects, bins, PRIOR)
+    assert again.objective == pytest.approx(fitted.objective, abs=1e-3)

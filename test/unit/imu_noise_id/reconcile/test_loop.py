@@ -1,0 +1,161 @@
+"""Recordings with hidden effects, by code that knows nothing of the catalogue: are they named?
+
+The seeded subset of ``study/study_reconcile.py``: six channels, 100 Hz, 120 s, clearly present.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from imu_noise_id.identify import identify_recording
+from imu_noise_id.model import NoiseModel
+from imu_noise_id.model_file import typed_effect
+from imu_noise_id.reconcile import compare_recording, reconcile_recording, reconciliation_tree
+from imu_noise_id.recording import Channel, Recording, unit_of
+from imu_noise_id.simulate import simulate_recording
+
+from helpers import hidden_effects as hidden
+
+SENSOR = 3
+DURATION_S, RATE_HZ = 120.0, 100.0
+CLEAR = 120.0
+NAMES = hidden.IMU_CHANNELS
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def model() -> NoiseModel:
+    return identify_recording(made("nothing", seed=10**6)).model
+
+
+def made(kind: str, seed: int = 0, nats: float = CLEAR) -> Recording:
+    """One recording as the readers give it."""
+    arrays = hidden.recording(kind, nats, seed, DURATION_S, RATE_HZ, sensor_seed=SENSOR)
+
+    def channel(name: str, stamps: np.ndarray, values: np.ndarray, topic: str) -> Channel:
+        still = np.ones(values.size, dtype=bool)
+        return Channel(topic, name, unit_of(name), stamps, values, still, RATE_HZ)
+
+    channels = tuple(channel(n, arrays.stamp_ns, v, "/imu/data") for n, v in arrays.values.items())
+    assert arrays.temperature_ns is not None
+    assert arrays.temperature is not None
+    warm = channel("temperature", arrays.temperature_ns, arrays.temperature, "/imu/temperature")
+    return Recording("hidden", 0, channels, replace(warm, rate_hz=1.0))
+
+
+def truth(kind: str, seed: int = 0) -> dict[str, tuple[str, ...]]:
+    return hidden.recording(kind, CLEAR, seed, DURATION_S, RATE_HZ, sensor_seed=SENSOR).truth
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "periodic",
+        "narrow_band",
+        "rate_ramp",
+        "variance_change",
+        "outliers",
+        "output_rounding",
+        "saturation",
+        "bandwidth_limit",
+        "averaging",
+        "held_samples",
+        "timestamp_jitter",
+        "dropouts",
+        "cross_axis",
+        "temperature",
+    ],
+)
+def test_what_is_hidden_is_named_first_on_its_channel(kind: str, model: NoiseModel) -> None:
+    result = reconcile_recording(made(kind), model)
+    for name in NAMES:
+        steps = result.channel(name).steps
+        if name in truth(kind):
+            assert steps[0].action == "add"
+            assert steps[0].effect.name == kind
+            assert result.channel(name).after.score < 1.3
+        else:
+            assert steps == ()
+
+
+def test_louder_noise_is_a_refit(model: NoiseModel) -> None:
+    result = reconcile_recording(made("white_noise"), model)
+    (name,) = truth("white_noise")
+    step = result.channel(name).steps[0]
+    assert (step.action, step.effect.name) == ("refit", "white_noise")
+
+
+def test_nothing_hidden_changes_nothing(model: NoiseModel) -> None:
+    result = reconcile_recording(made("nothing", seed=5), model)
+    assert [c.name for c in result.channels] == list(NAMES)
+    assert all(c.verdict == "agrees" for c in result.channels)
+    assert result.model == model
+
+
+@pytest.mark.parametrize("kind", ["breathing", "lopsided"])
+def test_what_is_in_no_catalogue_gets_no_name(kind: str, model: NoiseModel) -> None:
+    result = reconcile_recording(made(kind), model)
+    (name,) = truth(kind)
+    channel = result.channel(name)
+    assert channel.verdict == "unexplained"
+    assert channel.after.where
+    assert channel.steps == ()
+
+
+def test_a_typed_effect_that_is_not_there_is_removed(model: NoiseModel) -> None:
+    name = NAMES[0]
+    extra = typed_effect("output_rounding", name, {"step": 2e-4})
+    channels = tuple(
+        replace(c, effects=(*c.effects, extra), log_covariance=None) if c.name == name else c
+        for c in model.channels
+    )
+    result = reconcile_recording(made("nothing", seed=5), replace(model, channels=channels))
+    steps = result.channel(name).steps
+    assert [(s.action, s.effect.name) for s in steps] == [("remove", "output_rounding")]
+    assert result.model.channel(name).find("output_rounding") is None
+
+
+def test_the_mended_model_agrees_with_another_recording_and_plays(model: NoiseModel) -> None:
+    mended = reconcile_recording(made("periodic"), model).model
+    (name,) = truth("periodic")
+    line = mended.channel(name).find("periodic")
+    assert line is not None
+    assert line.estimates[1].lower < line.estimates[1].value < line.estimates[1].upper
+    again = simulate_recording(mended, DURATION_S, np.random.default_rng(1))
+    assert all(c.verdict == "agrees" for c in reconcile_recording(again, mended).channels)
+
+
+def test_results_do_not_depend_on_workers_and_are_plain_data(model: NoiseModel) -> None:
+    first = reconciliation_tree(reconcile_recording(made("periodic"), model, workers=1))
+    second = reconciliation_tree(reconcile_recording(made("periodic"), model, workers=2))
+    text = json.dumps(first, allow_nan=False)
+    assert text == json.dumps(second, allow_nan=False)
+    (name,) = truth("periodic")
+    (step,) = next(c for c in first["channels"] if c["name"] == name)["steps"]
+    assert "vibration" in step["evidence"]
+    assert "was missing (gap" in step["evidence"]
+    assert set(step) >= {"action", "effect", "gap_before", "gap_after", "p_value", "held_out"}
+
+
+def test_comparing_alone_says_where_and_changes_nothing(model: NoiseModel) -> None:
+    (name,) = truth("periodic")
+    found = {c.name: c for c in compare_recording(made("periodic"), model)}
+    assert found[name].verdict == "unexplained"
+    assert found[name].after.where[0].domain == "spectrum"
+    assert [n for n in NAMES if found[n].verdict != "agrees"] == [name]
+
+
+def test_channels_without_a_model_are_listed_with_the_reason(model: NoiseModel) -> None:
+    part = replace(model, channels=model.channels[:5])
+    result = reconcile_recording(made("nothing", seed=5), part)
+    assert result.channel(NAMES[5]).notes == ("the model has no such channel",)
