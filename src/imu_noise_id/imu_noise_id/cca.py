@@ -47,6 +47,7 @@ from imu_noise_id.transfer_function import (
     bandwidth_3db_hz,
     rise_time_s,
     settling_time_s,
+    stationary_covariance,
     to_continuous,
 )
 
@@ -332,6 +333,16 @@ def joint(channels: tuple[Series, ...], order: int | None = None) -> Joint:
     )
 
 
+def warm_up() -> None:
+    """Compile what the models need into numba's cache, for a build to call."""
+    innovations.warm_up()
+    rng = np.random.default_rng(0)
+    channels = tuple(
+        Series(rng.standard_normal(400), np.ones(400, dtype=bool), 1.0) for _ in range(2)
+    )
+    joint(channels, order=1)
+
+
 def allan_deviation(transfer: DiscreteTransfer, averaging_factor: NDArray[np.int64]) -> Floats:
     """Allan deviation of the output of a stable H(z) driven by unit white noise, shape (t,).
 
@@ -353,7 +364,7 @@ def allan_deviation(transfer: DiscreteTransfer, averaging_factor: NDArray[np.int
     order = size - 1
     A, K = np.eye(order, k=1), b[1:] - phi[1:] * b[0]
     A[:, 0] = -phi[1:]
-    P = linalg.solve_discrete_lyapunov(A, np.outer(K, K))
+    P = stationary_covariance(A, np.outer(K, K))
     direct, lagged = P[0, 0] + b[0] ** 2, A @ P[:, 0] + K * b[0]
     # the last block column of chain^m sums the powers of A with weights m - 1, m - 2, ...
     one, none = np.eye(order), np.zeros((order, order))
@@ -414,10 +425,12 @@ def _scan(values: Floats, observed: Mask) -> list[_Correlations]:
     for block in blocks:
         if block > 1:
             means, seen = _blocks(means, seen, SCALE)
-        lags = max(lag for lag in LAGS if lag <= max(seen.sum() // (20 * channels), 1))
-        factor, rows = _factor(means, seen, lags)
-        if rows >= max(SHORTEST // 2, 6 * lags * channels):
-            found.append(_correlate(factor, rows, lags, channels, block, len(blocks)))
+        for lags in LAGS[::-1]:  # the most that leave enough rows
+            rows = int(_whole_rows(seen, 2 * lags).size)
+            if rows >= max(SHORTEST // 2, 20 * lags * channels):
+                factor = _factor(means, seen, lags)[0]
+                found.append(_correlate(factor, rows, lags, channels, block, len(blocks)))
+                break
     if not found:
         raise ValueError("no stretch is whole enough to set a past against a future")
     return found
@@ -607,15 +620,19 @@ def _grow(
     candidates = []
     for scale in found:
         for phi, theta in _starts(scale, room):
-            poles = np.asarray(np.polymul(model.phi, phi), dtype=np.float64)
-            zeros = np.asarray(np.polymul(model.theta, theta), dtype=np.float64)
+            poles = innovations.admissible(np.polymul(model.phi, phi))
+            zeros = innovations.admissible(np.polymul(model.theta, theta))
             candidates.append(innovations.evaluate(values, observed, poles, zeros))
     candidates.sort(key=_schwarz)
     chosen: list[Innovations] = []
     for order in sorted({candidate.order for candidate in candidates}):
         same = [candidate for candidate in candidates if candidate.order == order]
-        chosen += same[: 3 if values.size <= JOINT_ROWS else 1]
-    refined = [innovations.maximise(values, observed, start) for start in chosen]
+        chosen += same[: 3 if order == 1 and values.size <= JOINT_ROWS else 1]
+    refined = [
+        innovations.maximise(values, observed, start)
+        for start in chosen
+        if np.isfinite(start.deviance)
+    ]
     return min(refined, key=_schwarz, default=None)
 
 

@@ -17,18 +17,18 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from scipy import linalg
 
 from imu_noise_id.recording import Floats, Mask
+from imu_noise_id.transfer_function import stationary_covariance
 
 BLOCK = 4096
 SETTLED = 1e-10
 """Predicted state variance, in units of s^2, below which the steady recursion takes over."""
 STEP = 1e-6
-CLOSE = 1e-3
-"""Gain in deviance at which the climb ends: a thirtieth of a standard error away, or less."""
-ROOM = 1.0 - 1e-9
-"""Largest partial autocorrelation that a start may have."""
+CLOSE = 1e-2
+"""Gain in deviance at which the climb ends, a tenth of a standard error or less from the top."""
+LIMIT = 9.0
+"""Largest free parameter: a memory of 3e7 samples."""
 
 
 @dataclass(frozen=True)
@@ -64,12 +64,14 @@ def evaluate(values: Floats, observed: Mask, phi: Floats, theta: Floats) -> Inno
         return white(values, observed)
     moments, logarithm, count = _moments(values, observed, *_filters(phi[None], theta[None]))
     variance = moments[0, 0] / count
+    if not np.isfinite(variance + logarithm[0]):  # a record that no noise drives
+        return Innovations(phi, theta, 0.0, np.inf, int(count))
     deviance = count * np.log(max(variance, 1e-300)) + logarithm[0]
     return Innovations(phi, theta, float(variance), float(deviance), int(count))
 
 
 def maximise(
-    values: Floats, observed: Mask, start: Innovations, iterations: int = 30
+    values: Floats, observed: Mask, start: Innovations, iterations: int = 15
 ) -> Innovations:
     """Climb to the maximum of the likelihood from a start of the same order.
 
@@ -92,12 +94,13 @@ def maximise(
     for _ in range(iterations):
         gradient, curvature = _normal_equations(values, observed, free)
         improved = False
+        if not np.all(np.isfinite(curvature)):
+            break
         while damping < 1e8:
-            step = np.linalg.solve(
-                curvature + damping * np.diag(np.diag(curvature) + 1e-12), -gradient
-            )
+            scale = np.diag(curvature) + 1e-9 * np.trace(curvature) + 1e-12
+            step = -np.linalg.solve(curvature + damping * np.diag(scale), gradient)
             step *= min(1.0, 2.0 / max(float(np.max(np.abs(step))), 1e-300))
-            trial = np.clip(free + step, -10.5, 10.5)
+            trial = np.clip(free + step, -LIMIT, LIMIT)
             model = evaluate(values, observed, *_from_free(trial))
             if model.deviance < best.deviance:
                 improved = True
@@ -134,10 +137,9 @@ def stable(polynomial: Floats) -> Floats:
     return np.real(np.poly(roots)) if roots.size else np.ones(1)
 
 
-def stationary_covariance(phi: Floats, theta: Floats) -> Floats:
-    """Covariance of the state for unit innovations, shape (order, order)."""
-    A, K = _companion(phi), (theta - phi)[1:]
-    return np.asarray(linalg.solve_discrete_lyapunov(A, np.outer(K, K)))
+def admissible(polynomial: Floats) -> Floats:
+    """Nearest polynomial whose roots lie well enough within the unit circle to be filtered by."""
+    return _polynomial(_to_free(polynomial))
 
 
 def _companion(phi: Floats) -> Floats:
@@ -151,7 +153,7 @@ def _to_free(polynomial: Floats) -> Floats:
     a = stable(polynomial)[1:]
     partial = np.zeros(a.size)
     for k in range(a.size, 0, -1):
-        r = np.clip(a[k - 1], -ROOM, ROOM)
+        r = np.clip(a[k - 1], -np.tanh(LIMIT), np.tanh(LIMIT))
         partial[k - 1] = r
         head = a[: k - 1]
         a = (head - r * head[::-1]) / (1.0 - r * r)
@@ -173,8 +175,11 @@ def _polynomial(free: Floats) -> Floats:
 
 def _filters(phi: Floats, theta: Floats) -> tuple[Floats, Floats, Floats]:
     """phi, gain and initial covariance of filters to run side by side."""
-    start = np.stack([stationary_covariance(*pair) for pair in zip(phi, theta, strict=True)])
-    return phi[:, 1:].copy(), (theta - phi)[:, 1:].copy(), start
+    gain = (theta - phi)[:, 1:].copy()
+    start = [
+        stationary_covariance(_companion(a), np.outer(k, k)) for a, k in zip(phi, gain, strict=True)
+    ]
+    return phi[:, 1:].copy(), gain, np.stack(start)
 
 
 def _normal_equations(values: Floats, observed: Mask, free: Floats) -> tuple[Floats, Floats]:

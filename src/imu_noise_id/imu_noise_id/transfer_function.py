@@ -143,8 +143,19 @@ def output_sigma(transfer: DiscreteTransfer) -> float | None:
     A = np.eye(order, k=1)
     A[:, 0] = -a[1:]
     B = (b[1:] - a[1:] * b[0])[:, None]
-    P = linalg.solve_discrete_lyapunov(A, B @ B.T)
+    P = stationary_covariance(A, B @ B.T)
     return float(np.sqrt(P[0, 0] + b[0] ** 2))
+
+
+def stationary_covariance(A: Floats, Q: Floats) -> Floats:
+    """Solve P = A P A' + Q for a stable A by doubling, which poles next to 1 do not upset."""
+    P, power = Q, A
+    for _ in range(64):
+        step = power @ P @ power.T
+        P, power = P + step, power @ power
+        if np.abs(step).max(initial=0.0) <= 1e-15 * np.abs(P).max(initial=0.0):
+            break
+    return P
 
 
 def random_walk(transfer: DiscreteTransfer) -> float | None:
