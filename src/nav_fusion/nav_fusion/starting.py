@@ -149,8 +149,9 @@ class Waiting:
         period_s = float(np.median(np.diff(self._stamp_ns[window]))) * 1e-9
         force, rate = self._force[window], self._rate[window]
         quiet = quiet_limits(self._layout, p, 1.0 / period_s)
-        still = bool(force.var(axis=0).sum() < quiet[0] and rate.var(axis=0).sum() < quiet[1])
-        self.fault = _implausible(force.mean(axis=0), rate.mean(axis=0), still)
+        steady = bool(force.var(axis=0).sum() < quiet[0])
+        still = steady and bool(rate.var(axis=0).sum() < quiet[1])
+        self.fault = _implausible(force.mean(axis=0), rate.mean(axis=0), steady)
         if self.fault is not None:
             return None
         noise_tilt = math.sqrt(float(self._layout.accel_psd.max()) / p.alignment_s) / 9.8
@@ -192,7 +193,7 @@ def quiet_limits(layout: Layout, parameters: Parameters, rate_hz: float) -> Floa
     return np.array([accel, gyro, 0.25, 4.0, 8.0])
 
 
-def _implausible(force: Floats, rate: Floats, still: bool) -> str | None:
+def _implausible(force: Floats, rate: Floats, steady: bool) -> str | None:
     """Return a sentence about units where the means cannot be SI, or None."""
     norm, speed = float(np.linalg.norm(force)), float(np.linalg.norm(rate))
     low, high = GRAVITY_RANGE_M_S2
@@ -202,7 +203,7 @@ def _implausible(force: Floats, rate: Floats, still: bool) -> str | None:
     if not low < norm < high:
         return (f"linear_acceleration has a mean of {norm:.2f} m/s^2 and gravity is 9.8: "
                 "check unit and calibration")
-    if still and speed > REST_RATE_RAD_S:
+    if steady and speed > REST_RATE_RAD_S:
         return (f"angular_velocity is {speed:.2f} rad/s at rest: degrees per second, perhaps; "
                 "it must be rad/s")
     return None

@@ -1,0 +1,238 @@
+"""nav_fusion.engine: same bits whatever the order and the blocks; bad input is left out and said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drive import ALTITUDE, LATITUDE, LONGITUDE, START_NS, Drive, drive, play, without_fixes
+from nav_fusion.consistency import covariance_of, is_symmetric_positive
+from nav_fusion.engine import Engine
+from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise, SlowTerm, mems_defaults
+from nav_fusion.parameters import Parameters
+from nav_fusion.solution import solve
+
+HEADED = Parameters(initial_heading_rad=0.0, use_magnetometer=False, use_velocity=False)
+GYRO = AxisNoise(1e-4, (SlowTerm(0.005, float("inf"), 1e-6, "rate_random_walk"),))
+ACCEL = AxisNoise(2e-3, (SlowTerm(0.05, float("inf"), 1e-5, "rate_random_walk"),))
+NOISE = NavigationNoise(
+    (GYRO,) * 3, (ACCEL,) * 3, (AidNoise(0.3),) * 3, (AidNoise(0.1),) * 3, AidNoise(0.05))
+
+
+def fused(d: Drive, parameters: Parameters = HEADED, **how: object) -> tuple[Engine, object]:
+    engine = Engine(NOISE, parameters)
+    rows = play(engine, d, **how)  # type: ignore[arg-type]
+    return engine, rows
+
+
+def test_the_position_is_found_and_its_sigma_is_true() -> None:
+    d = drive(seed=3)
+    engine, rows = fused(d)
+    solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
+    moving = 30.0 - 0.01 - 5.0
+    east = 1.5 / 0.4 * moving - 1.5 / 0.16 * np.sin(0.4 * moving)
+    error = solution.position[-1] - [east, 0, 0]
+    sigma = np.sqrt(np.diag(solution.pose_covariance[-1]))[:3]
+    assert np.all(np.abs(error[:2]) < 4 * sigma[:2] + 0.02)
+    status = engine.status()
+    assert status.nis_lower is not None and status.nis_mean is not None
+    assert 0.8 * status.nis_lower < status.nis_mean < 1.2 * status.nis_upper
+    assert status.white
+    assert is_symmetric_positive(covariance_of(engine.state(), engine.layout.slow.target.size))
+
+
+@pytest.mark.parametrize("block", [1, 7, 64])
+def test_the_size_of_the_blocks_changes_no_bit(block: int) -> None:
+    d = drive(12.0)
+    whole, rows = fused(d)
+    parts, pieces = fused(d, block=block)
+    assert np.array_equal(whole.state(), parts.state())
+    assert np.array_equal(rows.stamp_ns, pieces.stamp_ns)
+    assert np.array_equal(rows.values, pieces.values)
+
+
+@pytest.mark.parametrize("parameters", [HEADED, replace(HEADED, initial_heading_rad=float("nan"))])
+def test_late_fixes_end_in_the_state_of_fixes_in_order(parameters: Parameters) -> None:
+    d = drive(20.0)
+    in_order, _ = fused(d, parameters)
+    late_s = np.random.default_rng(3).choice([0.0, 0.05, 0.2, 0.45], d.fix_ns.size)
+    late, _ = fused(d, parameters, late_s=late_s)
+    # until the last fix has come the two know different things
+    assert late_s[-1] <= 0.2
+    assert np.array_equal(in_order.state(), late.state())
+    assert late.status().late > 20
+
+
+def test_a_row_uses_nothing_that_came_after_it() -> None:
+    d = drive(15.0)
+    _, rows = fused(d)
+    cut = int(np.searchsorted(d.stamp_ns, rows.stamp_ns[300], side="right"))
+    until = int(d.stamp_ns[cut - 1])
+    known = d.fix_ns <= until
+    short = Drive(d.stamp_ns[:cut], d.rate[:cut], d.force[:cut], d.fix_ns[known], d.fix[known])
+    _, fewer = fused(short)
+    assert np.array_equal(fewer.values, rows.values[:301])
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.7, 3.0, -1.2])
+def test_any_start_heading_is_found_once_moving(heading: float) -> None:
+    d = drive(40.0)
+    c, s = np.cos(heading), np.sin(heading)
+    turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])  # body axes at that heading
+    turned = replace(d, force=d.force @ turn.T, rate=d.rate @ turn.T)
+    engine, rows = fused(turned, replace(HEADED, initial_heading_rad=float("nan")))
+    solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
+    error = np.angle(np.exp(1j * (solution.heading[-1] - heading)))
+    assert engine.status().aligned
+    assert abs(error) < 4 * solution.heading_sigma[-1]
+    assert solution.heading_sigma[-1] < 0.1
+
+
+def test_standing_without_magnetometer_the_heading_is_not_observable() -> None:
+    engine, rows = fused(drive(10.0, rest_s=100.0),
+                         replace(HEADED, initial_heading_rad=float("nan")))
+    solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
+    assert solution.heading_sigma[-1] > 1.5
+    assert any("not observable" in note for note in engine.status().notes)
+
+
+def test_an_outage_widens_the_sigma_and_ends() -> None:
+    d = without_fixes(drive(40.0), 15.0, 35.0)
+    _, rows = fused(d)
+    sigma = np.sqrt(np.trace(solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
+                             .pose_covariance[:, :3, :3], axis1=1, axis2=2))
+    t = (rows.stamp_ns - START_NS) * 1e-9
+    assert sigma[t < 34.9][-1] > 3 * sigma[t < 15][-1]
+    assert sigma[-1] < 1.5 * sigma[t < 15][-1]
+
+
+# ---------------------------------------------------------------- bad input
+
+
+def test_no_fix_nan_and_places_off_the_earth_are_left_out() -> None:
+    d = drive(10.0)
+    engine = Engine(NOISE, HEADED)
+    play(engine, d)
+    before, used = engine.state(), engine.status().used
+    at = int(d.stamp_ns[-1])
+    engine.add_fix(at, LATITUDE, LONGITUDE, ALTITUDE, None, status=-1)
+    engine.add_fix(at, float("nan"), LONGITUDE, ALTITUDE)
+    engine.add_fix(at, 91.0, LONGITUDE, ALTITUDE)
+    assert np.array_equal(engine.state(), before)
+    assert engine.status().used == used
+    assert engine.counts.rejected >= 3
+
+
+@pytest.mark.parametrize("diagonal", [0.0, -1.0, float("nan")])
+def test_a_covariance_that_is_none_is_said_and_not_used(diagonal: float) -> None:
+    engine = Engine(mems_defaults(), HEADED)
+    play(engine, drive(10.0), covariance=diagonal * np.eye(3))
+    status = engine.status()
+    assert status.used > 20
+    assert any("not used" in note for note in status.notes)
+
+
+def test_a_fix_10_km_off_is_gated() -> None:
+    d = drive(15.0)
+    far = d.fix.copy()
+    far[50] += [0.09, 0.0, 0.0]
+    engine, rows = fused(replace(d, fix=far))
+    status = engine.status()
+    assert status.gated == 1
+    solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
+    assert np.max(np.abs(solution.position[:, 1])) < 5.0
+
+
+def test_a_frozen_receiver_is_left_out() -> None:
+    d = drive(20.0)
+    frozen = d.fix.copy()
+    frozen[50:] = frozen[50]
+    engine, _ = fused(replace(d, fix=frozen))
+    status = engine.status()
+    assert status.used <= 50
+    assert any("frozen" in note for note in status.notes)
+
+
+def test_a_jump_of_the_fixes_is_followed_after_recovery() -> None:
+    d = drive(30.0)
+    moved = d.fix.copy()
+    moved[50:, 0] += 0.001  # 111 m north, for good
+    engine, rows = fused(replace(d, fix=moved))
+    solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
+    assert engine.status().recovered == 1
+    assert solution.position[-1, 1] == pytest.approx(111.2, abs=2.0)
+
+
+def test_five_silent_seconds_are_propagated_with_unknown_motion() -> None:
+    d = drive(25.0)
+    t = (d.stamp_ns - START_NS) * 1e-9
+    keep = (t < 12) | (t > 17)
+    silent = Drive(d.stamp_ns[keep], d.rate[keep], d.force[keep], d.fix_ns, d.fix)
+    engine, rows = fused(silent)
+    status = engine.status()
+    assert status.gaps == 1
+    assert status.gap_s == pytest.approx(5.0, abs=0.05)
+    assert any("silent" in note for note in status.notes)
+    solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
+    assert np.all(np.isfinite(solution.pose_covariance))
+    assert status.gated <= 2
+
+
+@pytest.mark.parametrize(("apart_s", "word"), [(3600.0, "ahead"), (-3600.0, "behind")])
+def test_clocks_an_hour_apart_are_said(apart_s: float, word: str) -> None:
+    d = drive(10.0)
+    engine = Engine(NOISE, HEADED)
+    for k in range(40):
+        part = slice(20 * k, 20 * (k + 1))
+        engine.add_imu(d.stamp_ns[part], d.rate[part], d.force[part])
+        engine.add_fix(int(d.fix_ns[k] + apart_s * 1e9), *d.fix[k])
+    assert not engine.running
+    assert any("3600 s" in note and word in note for note in engine.status().notes)
+
+
+def test_a_clock_set_back_starts_the_filter_anew() -> None:
+    d = drive(10.0)
+    engine, _ = fused(d)
+    shifted = replace(d, stamp_ns=d.stamp_ns - 60_000_000_000, fix_ns=d.fix_ns - 60_000_000_000)
+    rows = play(engine, shifted)
+    assert engine.counts.restarts == 1
+    assert rows.stamp_ns.size > 300
+    assert any("started anew" in note for note in engine.status().notes)
+
+
+def test_duplicates_disorder_and_nan_change_nothing_but_the_counts() -> None:
+    d = drive(10.0)
+    clean, _ = fused(d)
+    order = np.arange(d.stamp_ns.size)
+    messy = np.insert(order, [300, 600], [299, 580])
+    rate, force = d.rate[messy], d.force[messy].copy()
+    stamp_ns = d.stamp_ns[messy]
+    stamp_ns = np.insert(stamp_ns, 400, stamp_ns[400] - 5_000_000)
+    rate, force = np.insert(rate, 400, np.nan, axis=0), np.insert(force, 400, np.nan, axis=0)
+    dirty, _ = fused(Drive(stamp_ns, rate, force, d.fix_ns, d.fix), block=1)
+    assert np.array_equal(clean.state(), dirty.state())
+    counts = dirty.counts
+    assert (counts.imu_duplicates, counts.imu_out_of_order, counts.imu_non_finite) == (1, 1, 1)
+
+
+def test_an_accelerometer_in_g_is_refused_with_its_reason() -> None:
+    d = drive(10.0)
+    engine, rows = fused(replace(d, force=d.force / 9.80665))
+    assert rows.stamp_ns.size == 0
+    assert engine.fault is not None and "is g" in engine.fault
+
+
+def test_a_gyro_in_degrees_at_rest_is_refused_with_its_reason() -> None:
+    d = drive(10.0)
+    engine, _ = fused(replace(d, rate=np.degrees(d.rate + 0.01)))
+    assert engine.fault is not None and "degrees" in engine.fault
+
+
+def test_a_gyro_in_degrees_in_a_turn_is_noticed() -> None:
+    d = drive(20.0)
+    turning = d.rate.copy()
+    turning[800:] += [0, 0, np.degrees(0.3)]
+    engine, _ = fused(replace(d, rate=turning))
+    assert engine.turns_too_fast()
+    assert any("degrees" in note for note in engine.status().notes)
