@@ -37,7 +37,9 @@ RELIABILITY = {
     "best_effort": ReliabilityPolicy.BEST_EFFORT,
 }
 FASTEST_OUTPUT_HZ = 500.0
-TABLE = [(node, rate, "reliable") for node in PACKAGES for rate in (100, 200, 500, 1000, 2000, 4000)]
+TABLE = [
+    (node, rate, "reliable") for node in PACKAGES for rate in (100, 200, 500, 1000, 2000, 4000)
+]
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,7 @@ def send(rate_hz: float, seconds: float, reliability: str, fixes: bool, sent: ob
 
 def _fix(stamp_ns: int, k: int) -> NavSatFix:
     fix = NavSatFix(latitude=48.0 + 1e-7 * np.sin(k), longitude=11.0, altitude=500.0)
+    fix.status.status = 0
     fix.header.stamp.sec, fix.header.stamp.nanosec = divmod(stamp_ns, 10**9)
     fix.position_covariance_type = NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN
     fix.position_covariance = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 4.0]
@@ -153,9 +156,7 @@ def measure(name: str, rate_hz: float, seconds: float, reliability: str) -> Meas
         settled = time.monotonic() + 4.0  # diagnostics come once a second
         while time.monotonic() < settled and ear.received < sent.value:
             rclpy.spin_once(ear.node, timeout_sec=0.1)
-        return Measured(
-            sent.value, ear.received, cpu, np.array(ear.latency_ms), os.getloadavg()[0]
-        )
+        return Measured(sent.value, ear.received, cpu, np.array(ear.latency_ms), os.getloadavg()[0])
     finally:
         program.send_signal(signal.SIGINT)
         program.wait()
@@ -187,7 +188,9 @@ def main() -> None:
     runs = TABLE
     if options.node:
         runs = [(options.node, options.rate, options.reliability)]
-    print("| node | IMU Hz | reliability | sent | lost | CPU of a core | p50 / p99 / max ms | load |")
+    print(
+        "| node | IMU Hz | reliability | sent | lost | CPU of a core | p50 / p99 / max ms | load |"
+    )
     print("|---|---|---|---|---|---|---|---|", flush=True)
     for name, rate_hz, reliability in runs:
         found = measure(name, rate_hz, options.seconds, reliability)

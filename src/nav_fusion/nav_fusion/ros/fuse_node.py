@@ -54,10 +54,10 @@ class FuseNode(Node):
         declare(self, SETTINGS)
         self.add_on_set_parameters_callback(refuse_non_finite)
         self._values = {s.name: self.get_parameter(s.name).value for s in SETTINGS}
-        self._parameters = filter_parameters(self._values)
-        self._period_ns = round(1e9 / self._parameters.publish_rate_hz)
+        self._filter_parameters = filter_parameters(self._values)
+        self._period_ns = round(1e9 / self._filter_parameters.publish_rate_hz)
         self._turn_on = TurnOn(
-            self._parameters.gyro_turn_on_rad_s, self._parameters.accel_turn_on_m_s2
+            self._filter_parameters.gyro_turn_on_rad_s, self._filter_parameters.accel_turn_on_m_s2
         )
         self._noise = self._noise_of_file()
         self._engine: Engine | None = None
@@ -161,7 +161,7 @@ class FuseNode(Node):
         if self._noise is None and self._values["model_topic"] and not waited:
             return False
         noise = self._noise or mems_defaults(self._turn_on)
-        self._engine = Engine(noise, self._parameters)
+        self._engine = Engine(noise, self._filter_parameters)
         self.get_logger().info(f"noise model: {noise.source}")
         return True
 
@@ -174,7 +174,7 @@ class FuseNode(Node):
         origin = self._engine.origin
         if origin is None:
             return
-        solution = solve(rows.stamp_ns, rows.values, origin, self._parameters.lever_arm_m)
+        solution = solve(rows.stamp_ns, rows.values, origin, self._filter_parameters.lever_arm_m)
         world, body = self._values["world_frame"], self._values["body_frame"]
         for row in odometry_messages(solution, world, body):
             self._odometry.publish(row.tobytes())
