@@ -8,6 +8,7 @@ from imu_noise_id.allan import allan_exact
 from imu_noise_id.effects.base import CourseEffect, ResponseEffect, StochasticEffect
 from imu_noise_id.effects.outliers import Outliers
 from imu_noise_id.effects.output_rounding import OutputRounding
+from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.model import ChannelModel
 from imu_noise_id.recording import Floats
 from imu_noise_id.series import Series
@@ -64,12 +65,30 @@ def model_allan_variance(
     for effect in effects:
         if isinstance(effect, StochasticEffect):
             total = total + effect.allan_variance(tau_s, sample_time_s)
+        if isinstance(effect, WhiteNoise):
+            held = _held(model, tau_s / sample_time_s)
+            total = total + (held - 1.0) * effect.allan_variance(tau_s, sample_time_s)
     if any(isinstance(e, ResponseEffect) for e in effects):
         total = total - _taken_away(model, tau_s, sample_time_s)
     courses = [e for e in effects if isinstance(e, CourseEffect)]
     if courses and model.duration_s:
         total = total + _course_allan(courses, tau_s, model.duration_s, temperature)
     return np.maximum(total, 0.0)
+
+
+def _held(model: ChannelModel, m: Floats) -> Floats:
+    """Factor on the Allan variance of white noise of which every sample is sent k times.
+
+    Averaged over the phase of the hold the samples have r(h) = 1 - h/k; sums of m have variance
+    V = m + 2 sum (m - h) r(h), neighbouring sums covariance C = sum min(h, 2 m - h) r(h).
+    """
+    found = model.find("held_samples")
+    k = float(getattr(found.effect, "factor", 1.0)) if found else 1.0
+    lag = np.arange(1, int(np.ceil(k)))[:, None]
+    r = 1.0 - lag / k
+    V = m + 2.0 * np.sum(np.maximum(m - lag, 0.0) * r, axis=0)
+    C = np.sum(np.maximum(np.minimum(lag, 2.0 * m - lag), 0.0) * r, axis=0)
+    return np.asarray((V - C) / m)
 
 
 def _added_psd(model: ChannelModel, sample_time_s: float) -> float:

@@ -164,7 +164,11 @@ def _largest(excess: Floats, frequency_hz: Floats) -> list[float]:
 
 
 def _fit_line(white: Floats, sample_time_s: float, frequency_hz: float) -> tuple[Line, bool]:
-    """Sinusoid about a frequency, and whether it leaves no more than noise beside it."""
+    """Sinusoid about a frequency, and whether it is a line.
+
+    It is one if it stands out of the level within a quarter of the block rate, and leaves no more
+    than that level on the ordinates beside it.
+    """
     n = white.size
     size = max(n // BLOCKS, 1)
     count = n // size
@@ -179,9 +183,13 @@ def _fit_line(white: Floats, sample_time_s: float, frequency_hz: float) -> tuple
     line = Line(frequency_hz, float(2.0 * abs(mean)), float(np.angle(mean)), sample_time_s)
     power = np.abs(fft.fft(baseband - mean)) ** 2
     beside = np.concatenate((power[1 : NEIGHBOURS + 1], power[-NEIGHBOURS:]))
+    wider = np.concatenate((power[1 : count // 4], power[-count // 4 :]))
     noise = count / size
-    limit = np.log(2.0 * NEIGHBOURS) + MARGIN + 1e-3 * abs(count * mean) ** 2 / noise
-    return line, bool(np.all(beside < limit * noise))
+    local = noise * max(float(np.median(wider)) / (noise * np.log(2.0)), 1.0)
+    own = abs(count * mean) ** 2
+    limit = np.log(2.0 * NEIGHBOURS) + MARGIN + 1e-3 * own / local
+    stands_out = own > (np.log(n / 2.0) + MARGIN) * local
+    return line, bool(stands_out and np.all(beside < limit * local))
 
 
 def _offset(baseband: np.ndarray, time_s: Floats) -> float:
