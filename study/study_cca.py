@@ -245,7 +245,8 @@ methods).
 Truth A: ARMA(1,1), pole 0.55, zero 0.20, 1 kHz. Truth B: Gauss-Markov, correlation time 10 s,
 sigma 0.1, under white noise of sigma 1 at 100 Hz: pole 0.99900, zero 0.9954. *Past-future* is
 `past_future(order=1)`, which knows neither truth nor scale; *full ML* is the conditional sum of
-squares, coded in the study, started at the truth (5000 samples: and at a grid, the best taken); *thesis's input* is `driven` with an
+squares, coded in the study and started at the truth (for 5000 samples at a grid too, the best
+taken); *thesis's input* is `driven` with an
 independent white input (RMSE over the stable fits). ln random walk: RMSE of ln |H(1)| sqrt(Ts).
 The last two columns let `past_future` choose its order; the Allan distance is the weighted rms of
 ln(model/measured), median.
