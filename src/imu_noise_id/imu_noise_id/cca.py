@@ -620,8 +620,8 @@ def _grow(
     candidates = []
     for scale in found:
         for phi, theta in _starts(scale, room):
-            poles = innovations.admissible(np.polymul(model.phi, phi))
-            zeros = innovations.admissible(np.polymul(model.theta, theta))
+            poles = innovations.admissible(np.asarray(np.polymul(model.phi, phi), float))
+            zeros = innovations.admissible(np.asarray(np.polymul(model.theta, theta), float))
             candidates.append(innovations.evaluate(values, observed, poles, zeros))
     candidates.sort(key=_schwarz)
     chosen: list[Innovations] = []
