@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -225,7 +225,7 @@ def _joined_curve(
     if fast is None or slow is None or not (slow.tau_s >= split_s).any():
         return fast
     begin, end = fast.tau_s < split_s, slow.tau_s >= split_s
-    parts = {
+    parts: dict[str, Any] = {
         f.name: np.concatenate((getattr(fast, f.name)[begin], getattr(slow, f.name)[end]))
         for f in fields(AllanCurve)
         if isinstance(getattr(fast, f.name), np.ndarray)

@@ -33,7 +33,7 @@ class DeferredService:
         self._request: Any = None
         self._service = node.create_service(kind, name, self._on_request)
         self._send = self._service.send_response
-        self._service.send_response = self._keep
+        setattr(self._service, "send_response", self._keep)  # noqa: B010 - shadows the method
 
     def _on_request(self, request: Any, response: Any) -> Any:
         self._request = request

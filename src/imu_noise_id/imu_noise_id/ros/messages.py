@@ -21,8 +21,8 @@ from imu_noise_id.model import (
     TemperatureCourse,
     UpperBound,
 )
-from imu_noise_id.recording import Floats
 from noise_msgs import msg as noise
+from numpy.typing import NDArray
 
 FORMAT = "model/1"
 
@@ -216,7 +216,7 @@ def _transfer_function(cca: Cca) -> noise.TransferFunction:
     return message
 
 
-def _flat(matrix: Floats) -> list[float]:
+def _flat(matrix: NDArray[Any]) -> list[float]:
     return [finite(value) for value in np.ravel(matrix)]
 
 
