@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/: every effect's signature, simulated; ``python docs/make_pictures.py``.
+"""Draw the pictures of docs/, every effect's signature: ``python docs/make_pictures.py``.
 
 Needs the built workspace (``source env.sh``) and matplotlib (``pip install --group docs``).
 """

@@ -10,7 +10,8 @@ ROOT = Path(__file__).resolve().parents[1]
 def text() -> str:
     """Return the page: every message and service with its comments, as they stand."""
     parts = [
-        "# Messages and services of noise_msgs\n\nUnit and frame stand in brackets behind each field.",
+        "# Messages and services of noise_msgs\n",
+        "Unit and frame stand in brackets behind each field.",
         "Made by `tools/make_message_docs.py`.\n",
     ]
     for kind in ("msg", "srv"):

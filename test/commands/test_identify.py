@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-from helpers.commands import DENSITIES, Run
 from imu_noise_id.commands import identify
 from imu_noise_id.model_file import load_model
+
+from helpers.commands import DENSITIES, Run
 
 CHANNEL_KEYS = {
     *("topic", "name", "unit", "rate_hz", "samples", "duration_s", "mean"),

@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
+from imu_noise_id.model_file import load_model
 
 from helpers.commands import Run, model_text
-from imu_noise_id.model_file import load_model
 
 VERDICTS = {"agrees", "explained", "unexplained"}
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from imu_noise_id.bags import read_recording
 
 from helpers.commands import DENSITIES, Run
-from imu_noise_id.bags import read_recording
 
 
 def _simulate(run: Run, model: Path, seed: int, output: Path) -> None:

@@ -232,9 +232,7 @@ def scatter_figure(east_m: Floats, north_m: Floats, ellipses: Sequence[tuple[str
     for k, (label, covariance) in enumerate(ellipses):
         x, y = ellipse(covariance)
         dash = ("solid", "dashed")[k % 2]
-        layers.append(
-            Layer("line", {"x": x, "y": y}, label, (MODEL, INK)[k % 2], dash, width=2.4)
-        )
+        layers.append(Layer("line", {"x": x, "y": y}, label, (MODEL, INK)[k % 2], dash, width=2.4))
     return Plot(
         Axis("east of the mean (m)"),
         Axis("north of the mean (m)"),

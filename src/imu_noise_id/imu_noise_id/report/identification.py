@@ -38,6 +38,8 @@ SENSORS = {
     "velocity": "GNSS velocity",
 }
 TEMPERATURE_POINTS = 4096
+SPECTRUM_BINS = 100
+"""Bins per decade: narrow enough for a line to stand out of the noise beside it."""
 
 
 def identification_page(identification: Identification) -> str:
@@ -284,18 +286,19 @@ def _allan(result: ChannelResult, recording: Recording) -> Figure | None:
 
 
 def _spectrum(result: ChannelResult) -> Figure | None:
-    measured = spectrum(result.series)
+    measured = spectrum(result.series, SPECTRUM_BINS)
     if measured.psd.size == 0 or not np.all(measured.psd > 0.0):
         return None
     effects = tuple(fitted.effect for fitted in result.model.effects)
     dt = result.series.sample_time_s
     f = measured.frequency_hz
     models = [Part("model", model_psd(result.model, f, dt))] if effects else []
-    tones = [float(e.values()[0]) for e in effects if e.name == "periodic"]
+    tones = [float(e.values()[0]) for e in effects if e.name in ("periodic", "narrow_band")]
     plot = figures.spectrum_figure(
         measured, result.channel.unit, psd_parts(effects, f, dt), models, tones
     )
-    said = f" Lines at {', '.join(f'{tone:.4g} Hz' for tone in tones)} are dotted." if tones else ""
+    shown = ", ".join(f"{tone:.4g} Hz" for tone in tones)
+    said = f" Dotted: lines and vibrations at {shown}." if tones else ""
     return Figure("Spectrum", f"Root of the two-sided spectrum and the model over it.{said}", plot)
 
 
