@@ -18,7 +18,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu
 
 from helpers.live import Listener, Program, write_still_bag
-from noise_msgs.msg import AllanCurve, NoiseModel
+from noise_msgs.msg import AllanCurve, DiscrepancyReport, NoiseModel
 from noise_msgs.srv import Identify, Reset
 
 Start = Callable[..., Program]
@@ -216,3 +216,27 @@ def test_a_checkpoint_that_is_none_is_one_line_and_status_2(start: Start, tmp_pa
     assert node.wait() == 2
     (line,) = node.output.strip().splitlines()
     assert str(file) in line
+
+
+def test_a_reference_model_that_is_not_the_sensors_is_contradicted(
+    start: Start, listener: Listener, tmp_path: Path
+) -> None:
+    file = tmp_path / "model.yaml"
+    file.write_text(
+        "format: model/1\nchannels:\n"
+        + "".join(
+            f"- name: angular_velocity.{axis}\n  rate_hz: 100.0\n  effects:\n"
+            f"  - {{name: white_noise, parameters: {{density: {density}}}}}\n"
+            for axis, density in (("x", 1e-4), ("y", 1e-3))
+        )
+    )
+    identify(start, *ONLY_ASKED, "-p", f"reference_model:={file}")
+    heard = listener.hear(DiagnosticArray, "/diagnostics", 50)
+    reports = listener.hear(DiscrepancyReport, "/identify/discrepancy")
+    imu_sender(listener)(10**18, 3000)
+    listener.until(lambda: number(heard, "received") == 3000, "3000 samples")
+    assert listener.call(Identify, "/identify/identify", Identify.Request()).success
+    (report,) = listener.until(lambda: reports, "the report")
+    verdicts = {channel.name: channel.verdict for channel in report.channels}
+    assert verdicts["angular_velocity.x"] == "agrees"
+    assert verdicts["angular_velocity.y"] == "unexplained"

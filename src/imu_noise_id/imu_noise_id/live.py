@@ -21,10 +21,12 @@ from imu_noise_id.columns import TopicColumns
 from imu_noise_id.identify import ChannelResult, Identification, identify_recording
 from imu_noise_id.longrun import LongRun
 from imu_noise_id.model import ChannelModel, FittedEffect, NoiseModel
+from imu_noise_id.reconcile.loop import compare_recording
 from imu_noise_id.recording import Quality, Recording
 
 if TYPE_CHECKING:
     from imu_noise_id.cca import Cca
+    from imu_noise_id.reconcile.result import ChannelReconciliation
 
 SOURCE = "live"
 SLOW_BLOCKS = 32
@@ -81,6 +83,8 @@ class Findings:
     model : NoiseModel
     channels : tuple of ChannelFindings
     notes : tuple of str
+    discrepancies : tuple of ChannelReconciliation
+        Where the buffer differs from the reference model; empty without one.
     """
 
     start_ns: int
@@ -89,12 +93,14 @@ class Findings:
     model: NoiseModel
     channels: tuple[ChannelFindings, ...]
     notes: tuple[str, ...] = ()
+    discrepancies: tuple[ChannelReconciliation, ...] = ()
 
 
 def identify_columns(
     columns: Sequence[TopicColumns],
     last_s: float | None = None,
     before: Sequence[LongRun] = (),
+    reference: NoiseModel | None = None,
 ) -> Findings:
     """Identify what a buffer holds, exactly as the same samples in a bag.
 
@@ -106,13 +112,18 @@ def identify_columns(
         Only the last seconds; what was before the buffer is then left out.
     before : sequence of LongRun
         What the buffer has forgotten, topic by topic.
+    reference : NoiseModel, optional
+        A model that the buffer is compared with.
 
     Raises
     ------
     InputError
         When no topic has two samples in order.
     """
-    found = findings(identify_recording(_recording(columns, last_s), 1), _frame(columns))
+    recording = _recording(columns, last_s)
+    found = findings(identify_recording(recording, 1), _frame(columns))
+    if reference is not None:
+        found = replace(found, discrepancies=compare_recording(recording, reference))
     forgotten = {run.topic: run for run in before if not run.empty}
     if last_s is not None or not forgotten:
         return found

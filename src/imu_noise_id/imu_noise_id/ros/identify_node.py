@@ -17,17 +17,18 @@ from imu_noise_id.cdr import Decoded
 from imu_noise_id.checkpoint import load_checkpoint
 from imu_noise_id.live import Findings
 from imu_noise_id.longrun import LongRun
+from imu_noise_id.model_file import load_model
 from imu_noise_id.recording import Stamps
 from imu_noise_id.rolling import BLOCK, RollingColumns
 from imu_noise_id.ros.deferred import DeferredService, Reply
 from imu_noise_id.ros.diagnostics import array, status
-from imu_noise_id.ros.messages import allan_messages, model_message
+from imu_noise_id.ros.messages import allan_messages, discrepancy_message, model_message
 from imu_noise_id.ros.parameters import Setting, declare, refuse_non_finite, value
 from imu_noise_id.ros.runtime import run_node as spin_node
 from imu_noise_id.ros.stream import Stream
 from imu_noise_id.ros.worker import Answer, Job, Worker, work
 from imu_noise_id.topics import DEFAULTS
-from noise_msgs.msg import AllanCurve, NoiseModel
+from noise_msgs.msg import AllanCurve, DiscrepancyReport, NoiseModel
 from noise_msgs.srv import Identify, Reset
 
 SETTINGS = (
@@ -45,6 +46,7 @@ SETTINGS = (
     Setting(
         "max_load", 0.5, "share of the time that may be spent identifying", 0.01, 1.0, fixed=False
     ),
+    Setting("reference_model", "", "model.yaml to compare with on ~/discrepancy; empty: none"),
     Setting("checkpoint", "", "file that a restarted node resumes from; empty: none"),
     Setting("checkpoint_period_s", 60.0, "time between checkpoints, s", 1.0, 86400.0, fixed=False),
 )
@@ -62,6 +64,8 @@ class IdentifyNode(Node):
         declare(self, SETTINGS)
         self.add_on_set_parameters_callback(refuse_non_finite)
         self._checkpoint = str(value(self, "checkpoint"))
+        reference = str(value(self, "reference_model"))
+        self._reference = load_model(reference) if reference else None
         self._streams = self._open_streams()
         self._buffers = {k: self._buffer(s) for k, s in self._streams.items()}
         self._before = {k: self._long_run(s) for k, s in self._streams.items()}
@@ -79,6 +83,9 @@ class IdentifyNode(Node):
         )
         self._model = self.create_publisher(
             NoiseModel, "~/model", QoSProfile(depth=1, durability=_LATCHED)
+        )
+        self._discrepancy = self.create_publisher(
+            DiscrepancyReport, "~/discrepancy", QoSProfile(depth=1, durability=_LATCHED)
         )
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._service = DeferredService(self, Identify, "~/identify", self._on_identify)
@@ -166,7 +173,9 @@ class IdentifyNode(Node):
 
     def _job(self, last_s: float | None, checkpoint: str, identify: bool) -> Job:
         columns = tuple(buffer.columns() for buffer in self._buffers.values())
-        return Job(columns, last_s, checkpoint, identify, tuple(self._before.values()))
+        return Job(
+            columns, last_s, checkpoint, identify, tuple(self._before.values()), self._reference
+        )
 
     def _start(self) -> None:
         """Give the worker what is due: a request, a model, a checkpoint."""
@@ -199,6 +208,8 @@ class IdentifyNode(Node):
             self._model.publish(message)
             for curve in allan_messages(answer.findings):
                 self._allan.publish(curve)
+            if self._reference is not None:
+                self._discrepancy.publish(discrepancy_message(answer.findings))
         if self._answering is not None:
             response, reply = self._answering
             self._answering = None

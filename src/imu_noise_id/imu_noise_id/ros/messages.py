@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
 
 from imu_noise_id.cca import Cca
 from imu_noise_id.effects import CATALOGUE
@@ -21,10 +22,12 @@ from imu_noise_id.model import (
     TemperatureCourse,
     UpperBound,
 )
+from imu_noise_id.reconcile.loop import FALSE_ALARM_RATE
+from imu_noise_id.reconcile.result import ChannelReconciliation, Gap
 from noise_msgs import msg as noise
-from numpy.typing import NDArray
 
 FORMAT = "model/1"
+DISCREPANCY_FORMAT = "reconcile/1"
 
 
 def to_time(stamp_ns: int) -> Time:
@@ -90,6 +93,18 @@ def model_message(found: Findings) -> noise.NoiseModel:
     if found.model.temperature is not None:
         message.temperature_time_s = found.model.temperature.time_s
         message.temperature_degc = found.model.temperature.temperature_degc
+    return message
+
+
+def discrepancy_message(found: Findings) -> noise.DiscrepancyReport:
+    """Return where the buffer differs from the reference model, channel by channel."""
+    message = noise.DiscrepancyReport(
+        format=DISCREPANCY_FORMAT,
+        channels=[_discrepancy(channel) for channel in found.discrepancies],
+        false_alarm_rate=FALSE_ALARM_RATE,
+    )
+    message.header.stamp = to_time(max((c.newest_ns for c in found.channels), default=0))
+    message.header.frame_id = found.frame_id
     return message
 
 
@@ -214,6 +229,37 @@ def _transfer_function(cca: Cca) -> noise.TransferFunction:
         message.s_numerator = _flat(cca.H_s.numerator)
         message.s_denominator = _flat(cca.H_s.denominator)
     return message
+
+
+def _discrepancy(found: ChannelReconciliation) -> noise.Discrepancy:
+    return noise.Discrepancy(
+        topic=found.topic,
+        name=found.name,
+        verdict=found.verdict,
+        before=_gap(found.before),
+        after=_gap(found.after),
+        steps=[
+            noise.DiscrepancyStep(
+                action=step.action,
+                effect=_effect(step.effect),
+                gap_before=finite(step.gap_before),
+                gap_after=finite(step.gap_after),
+                held_out_gap_before=finite(step.held_out.gap_before),
+                held_out_gap_after=finite(step.held_out.gap_after),
+                p_value=finite(step.p_value),
+                evidence=step.evidence,
+            )
+            for step in found.steps
+        ],
+    )
+
+
+def _gap(gap: Gap) -> noise.Gap:
+    places = [
+        noise.GapPlace(domain=w.domain, begin=finite(w.from_), end=finite(w.to), unit=w.unit, z=w.z)
+        for w in gap.where
+    ]
+    return noise.Gap(score=finite(gap.score), p_value=finite(gap.p_value), where=places)
 
 
 def _flat(matrix: NDArray[Any]) -> list[float]:

@@ -15,6 +15,7 @@ from imu_noise_id.columns import TopicColumns
 from imu_noise_id.errors import InputError
 from imu_noise_id.live import Findings, identify_columns
 from imu_noise_id.longrun import LongRun
+from imu_noise_id.model import NoiseModel
 
 _NICE = 5
 
@@ -33,6 +34,8 @@ class Job:
         False: only the checkpoint.
     before : tuple of LongRun
         What the buffers have forgotten.
+    reference : NoiseModel or None
+        A model that the buffer is compared with.
     """
 
     columns: tuple[TopicColumns, ...]
@@ -40,6 +43,7 @@ class Job:
     checkpoint: str = ""
     identify: bool = True
     before: tuple[LongRun, ...] = ()
+    reference: NoiseModel | None = None
 
 
 @dataclass(frozen=True)
@@ -127,7 +131,7 @@ def work(job: Job) -> Answer:
             checkpoint_problem = str(error)
     if job.identify:
         try:
-            found = identify_columns(job.columns, job.last_s, job.before)
+            found = identify_columns(job.columns, job.last_s, job.before, job.reference)
         except InputError as error:
             problem = str(error)
     return Answer(found, problem, checkpoint_problem)
