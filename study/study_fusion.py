@@ -172,6 +172,7 @@ class Case:
     outage_s: tuple[float, float] = (0.0, 0.0)
     at_s: tuple[float, ...] = SCORED_S
     heading: bool = True
+    rest: bool = False
 
 
 def _true(e: SensorErrors, seed: int) -> NavigationNoise:
@@ -183,8 +184,8 @@ def _as_white(e: SensorErrors, seed: int) -> NavigationNoise:
 
 
 CASES = (
-    Case("standing, white fixes", standing, WHITE, _true, heading=False),
-    Case("standing, coloured fixes", standing, COLOURED, _true, heading=False),
+    Case("standing, white fixes", standing, WHITE, _true, heading=False, rest=True),
+    Case("standing, coloured fixes", standing, COLOURED, _true, heading=False, rest=True),
     Case("driving, white fixes", driving, WHITE, _true),
     Case("driving, coloured fixes", driving, COLOURED, _true),
     Case("flying, white fixes", flying, WHITE, _true),
@@ -205,7 +206,8 @@ def run_case(case: Case, runs: int, rate_hz: float, cache: Path) -> list[Scored]
     for seed in range(len(done), runs):
         true = true or truth(case.motion(0.7), 120.0, rate_hz)
         sensed = sense(true, case.errors, np.random.default_rng(seed))
-        engine, rows = fuse(sensed, case.noise(case.errors, seed), PARAMETERS, case.outage_s)
+        parameters = replace(PARAMETERS, zero_velocity_updates=case.rest)
+        engine, rows = fuse(sensed, case.noise(case.errors, seed), parameters, case.outage_s)
         done.append(score(true, sensed, rows, case.at_s))
         if seed % 10 == 9 or seed == runs - 1:
             cache.mkdir(parents=True, exist_ok=True)
@@ -299,8 +301,9 @@ def main() -> None:
         "# Is the fused covariance true?", "",
         "NEES at 60 s and 120 s of runs of 120 s at 100 Hz and 10 Hz, mean with the 95 % band that a "
         "true covariance's mean stays in.  Start heading unknown.  Standing without a magnetometer "
-        "the heading is not observable: tilt alone is scored there (2 degrees of freedom).  Updates "
-        "by rest are off, so that standing is filtered like everything else.", "",
+        "the heading is not observable: tilt alone is scored there (2 degrees of freedom), and rest "
+        "is used: it allows for 0.02 m/s of shaking, which the simulation does not have, so that the "
+        "velocity's NEES is below its band there.  Elsewhere updates by rest are off.", "",
         "| scenario | position | velocity | attitude | RMSE m (after 60 s) | fixes' RMSE m | runs |",
         "|---|---|---|---|---|---|---|", *nees_rows(options.runs, Path(options.cache)), "",
         "## The same drive at three rates", "",

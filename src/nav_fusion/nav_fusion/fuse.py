@@ -99,8 +99,9 @@ def fuse_columns(
     origin = engine.origin
     said = (f"noise model: {noise.source}", *notes, *status.notes)
     if not engine.running or origin is None or not rows.stamp_ns.size:
-        reason = engine.fault or "; ".join((*status.notes, *notes)) or (
-            "no fix has a second of IMU samples before it and half a second after it")
+        reason = engine.fault or _apart(columns) or "; ".join(
+            ("no fix has a second of IMU samples before it and half a second after it",
+             *status.notes, *notes))
         raise InputError(f"{source}: the filter could not start: {reason}")
     if engine.turns_too_fast():
         raise InputError(
@@ -108,6 +109,18 @@ def fuse_columns(
             "second, perhaps; it must be rad/s")
     solution = solve(rows.stamp_ns, rows.values, origin, parameters.lever_arm_m)
     return FuseResult(solution, origin, status, engine, said)
+
+
+def _apart(columns: Sequence[TopicColumns]) -> str:
+    """Return a sentence where the stamps of IMU and fixes do not overlap."""
+    imu = next(c for c in columns if c.type == cdr.IMU)
+    fixes = next(c for c in columns if c.type == cdr.NAV_SAT_FIX)
+    ahead = fixes.stamp_ns.min() > imu.stamp_ns.max()
+    if not ahead and fixes.stamp_ns.max() >= imu.stamp_ns.min():
+        return ""
+    apart = abs(float(fixes.stamp_ns[0] - imu.stamp_ns[0])) * 1e-9
+    return (f"stamps of {fixes.topic} begin {apart:.0f} s {'after' if ahead else 'before'} those of "
+            f"{imu.topic} and do not overlap: their clocks differ; mend the driver")
 
 
 def run(engine: Engine, columns: Sequence[TopicColumns]) -> Rows:

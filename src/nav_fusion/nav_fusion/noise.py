@@ -108,13 +108,15 @@ def mems_defaults(turn_on: TurnOn = TurnOn()) -> NavigationNoise:
     """Stated values for a consumer MEMS IMU and a single-frequency receiver.
 
     Gyro 0.01 deg/s/sqrt(Hz) and 10 deg/h of bias over 300 s; accelerometer 200 ug/sqrt(Hz) and
-    0.1 mg over 300 s.  Receiver: what it claims, of which 0.95 is colour of 30 s and 0.3 white.
+    0.1 mg over 300 s.  Receiver: colour of 30 s with 0.95 of what it
+    claims, and white noise with all of it: which of both a receiver has is not known without a
+    model, and a fix that is thought too good is gated.
     """
     gyro = AxisNoise(1.7e-4, _with_turn_on((SlowTerm.gauss_markov(5e-5, 300.0, "gauss_markov"),),
                                            turn_on.gyro_sigma_rad_s))
     accel = AxisNoise(2e-3, _with_turn_on((SlowTerm.gauss_markov(1e-3, 300.0, "gauss_markov"),),
                                           turn_on.accel_sigma_m_s2))
-    claim = AidNoise(0.3, (SlowTerm.gauss_markov(0.95, 30.0, "gauss_markov"),))
+    claim = AidNoise(1.0, (SlowTerm.gauss_markov(0.95, 30.0, "gauss_markov"),))
     speed = AidNoise(0.15)
     heading = AidNoise(0.03, (SlowTerm.gauss_markov(0.1, 60.0, "gauss_markov"),))
     return NavigationNoise(
@@ -153,7 +155,7 @@ def from_model(
     known = all(p is not None for p in position)
     if not known:
         notes.append("the model has no position channels: the receiver's own covariance is used, "
-                     "nine tenths of it as colour of 30 s")
+                     "as white noise and as colour of 30 s")
     return NavigationNoise(
         _three(gyro, defaults.gyro), _three(accel, defaults.accel),
         _three(position, defaults.position) if known else defaults.position,

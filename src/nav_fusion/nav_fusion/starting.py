@@ -22,6 +22,8 @@ KEPT_S = 5.0
 GRAVITY_RANGE_M_S2 = (6.0, 14.0)
 REST_RATE_RAD_S = 0.25
 FIELD_SPREAD_RAD = 0.5
+CERTAIN_FAULTS = 5
+"""So many fixes in a row before which the samples were absurd: the unit is wrong, for good."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,7 @@ class Waiting:
         self.fault: str | None = None
         self.ahead_s: float | None = None
         self.dropped = 0
+        self._implausible = 0
 
     def add_measurement(self, measurement: Measurement) -> None:
         """Keep a measurement."""
@@ -151,7 +154,12 @@ class Waiting:
         quiet = quiet_limits(self._layout, p, 1.0 / period_s)
         steady = bool(force.var(axis=0).sum() < quiet[0])
         still = steady and bool(rate.var(axis=0).sum() < quiet[1])
-        self.fault = _implausible(force.mean(axis=0), rate.mean(axis=0), steady)
+        fault = _implausible(force.mean(axis=0), rate.mean(axis=0), steady)
+        if fault is not None:
+            self._implausible += 1
+        elif self._implausible < CERTAIN_FAULTS:
+            self._implausible = 0
+        self.fault = fault if self._implausible < CERTAIN_FAULTS else self.fault or fault
         if self.fault is not None:
             return None
         noise_tilt = math.sqrt(float(self._layout.accel_psd.max()) / p.alignment_s) / 9.8

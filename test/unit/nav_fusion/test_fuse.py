@@ -1,0 +1,129 @@
+"""nav_fusion.fuse and its command on small bags."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drive import Drive, drive, play
+from imu_noise_id import cdr
+from imu_noise_id.bag_writer import TopicBytes, write_bag
+from imu_noise_id.bags import read_topics
+from nav_fusion.commands.fuse import main
+from nav_fusion.engine import Engine
+from nav_fusion.fuse import fuse_bag
+from nav_fusion.noise import from_model
+from nav_fusion.parameters import Parameters
+from rosbags.highlevel import AnyReader
+
+MODEL = """\
+format: model/1
+channels:
+""" + "".join(
+    f"  - name: {name}.{axis}\n    effects:\n"
+    f"      - {{name: white_noise, parameters: {{density: {density}}}}}\n"
+    for name, density in (("angular_velocity", 1e-4), ("linear_acceleration", 2e-3))
+    for axis in "xyz")
+
+
+def write(d: Drive, path: Path, late_s: float = 0.0) -> Path:
+    names = [f"{n}.{a}" for n in ("angular_velocity", "linear_acceleration") for a in "xyz"]
+    imu = dict(zip(names, np.hstack((d.rate, d.force)).T, strict=True))
+    fixes = dict(zip(("latitude", "longitude", "altitude"), d.fix.T, strict=True))
+    fixes |= {f"position_covariance.{k}": 0.09 for k in (0, 4, 8)} | {"covariance_type": 2.0}
+    write_bag(path, [
+        TopicBytes("/imu/data", cdr.IMU, d.stamp_ns,
+                   cdr.encode(cdr.IMU, d.stamp_ns, imu, "imu")),
+        TopicBytes("/gps/fix", cdr.NAV_SAT_FIX, d.fix_ns + round(late_s * 1e9),
+                   cdr.encode(cdr.NAV_SAT_FIX, d.fix_ns, fixes, "gps")),
+    ])
+    return path
+
+
+def test_a_bag_ends_in_the_engines_own_state(tmp_path: Path) -> None:
+    d = drive(15.0)
+    bag = write(d, tmp_path / "bag", 0.213)
+    from imu_noise_id.model_file import load_model
+
+    (tmp_path / "model.yaml").write_text(MODEL)
+    model = load_model(tmp_path / "model.yaml")
+    parameters = Parameters(initial_heading_rad=0.0)
+    result = fuse_bag(bag, model, parameters)
+    engine = Engine(from_model(model), parameters)
+    play(engine, d, 0.213, covariance=0.09 * np.eye(3))
+    assert np.array_equal(result.engine.state(), engine.state())
+    assert result.status.late > 50
+
+
+def test_the_command_writes_what_the_contract_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write(drive(12.0), tmp_path / "bag")
+    (tmp_path / "model.yaml").write_text(MODEL)
+    out = tmp_path / "out"
+    assert main(["--bag", str(bag), "--model", str(tmp_path / "model.yaml"), "--output",
+                 str(out)]) == 0
+    tree = json.loads((out / "fuse.json").read_text())
+    assert tree["format"] == "fuse/1"
+    assert set(tree["origin"]) == {"latitude_deg", "longitude_deg", "altitude_m"}
+    assert set(tree["fixes"]) == {"used", "gated", "late", "rejected"}
+    assert {"mean", "dof", "lower", "upper"} <= set(tree["nis"])
+    assert isinstance(tree["white"], bool)
+    assert tree["imu_samples"] == 1200
+    with AnyReader([out / "filtered"]) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+        messages = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()
+                    if c.topic == "/odometry/filtered"]
+    assert counts["/odometry/filtered"] == counts["/gps/filtered"] > 400
+    pose = messages[-1].pose.covariance.reshape(6, 6)
+    twist = messages[-1].twist.covariance.reshape(6, 6)
+    assert np.all(np.diag(pose) > 0)
+    assert np.all(np.diag(twist) > 0)
+    assert "NIS" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("change", "word"), [
+    (lambda d: replace(d, force=d.force / 9.80665), "is g"),
+    (lambda d: replace(d, rate=np.degrees(d.rate + 0.01)), "degrees"),
+    (lambda d: replace(d, fix_ns=d.fix_ns + 3_600_000_000_000), "3600 s"),
+    (lambda d: replace(d, fix_ns=d.fix_ns - 3_600_000_000_000), "3600 s"),
+    (lambda d: replace(d, fix=d.fix * np.nan), "NaN"),
+])
+def test_what_cannot_be_fused_is_one_line_and_exit_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change, word: str  # type: ignore[no-untyped-def]
+) -> None:
+    bag = write(change(drive(10.0)), tmp_path / "bag")
+    assert main(["--bag", str(bag), "--output", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert word in error
+    assert not (tmp_path / "out" / "fuse.json").exists()
+
+
+def test_a_model_without_a_gyro_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write(drive(10.0), tmp_path / "bag")
+    model = tmp_path / "model.yaml"
+    model.write_text("format: model/1\nchannels:\n" + "".join(MODEL.split("channels:\n")[1]
+                     .partition("  - name: linear_acceleration.x")[1:]))
+    assert main(["--bag", str(bag), "--model", str(model), "--output", str(tmp_path / "o")]) == 2
+    assert "angular_velocity.x" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("setting", ["lateness_s=9", "nonsense=1", "lever_arm_m=[1, 2]"])
+def test_a_parameter_out_of_range_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], setting: str
+) -> None:
+    assert main(["--bag", "x", "--output", str(tmp_path), "--set", setting]) == 2
+    assert setting.split("=")[0] in capsys.readouterr().err
+
+
+def test_stamps_survive_the_bag(tmp_path: Path) -> None:
+    d = drive(5.0)
+    columns, _ = read_topics(write(d, tmp_path / "bag"))
+    imu = next(c for c in columns if c.type == cdr.IMU)
+    assert np.array_equal(imu.stamp_ns, d.stamp_ns)
