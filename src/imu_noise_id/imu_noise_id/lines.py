@@ -120,7 +120,8 @@ def find_lines(
                 lines.append(line)
             else:
                 wide.append(frequency)
-    return tuple(_coloured(x, ordinates, psd) for x in lines), tuple(sorted(wide))
+    found = sorted((_coloured(x, ordinates, psd) for x in lines), key=lambda x: x.frequency_hz)
+    return tuple(found), tuple(sorted(wide))
 
 
 def _interpolated(ordinates: Ordinates, psd: Floats, frequency_hz: Floats) -> Floats:

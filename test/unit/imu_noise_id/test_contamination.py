@@ -1,0 +1,44 @@
+"""Outliers and rounding are seen in the samples; clean noise has neither."""
+
+import numpy as np
+from imu_noise_id.contamination import find_contamination
+
+from helpers.noise_records import series, walk, white
+
+N = 60000
+
+
+def test_clean_noise_has_none():
+    rng = np.random.default_rng(51)
+    for _ in range(20):
+        found = find_contamination(series(white(N, rng) + walk(N, rng, 1.0)), "u")
+        assert found.effects == ()
+        assert found.observed.all()
+
+
+def test_outliers_are_masked_and_counted():
+    rng = np.random.default_rng(52)
+    values = white(N, rng)
+    hit = rng.random(N) < 1e-3
+    values[hit] += 200.0 * rng.standard_normal(hit.sum())
+    found = find_contamination(series(values), "u")
+    (effect,) = found.effects
+    rate, scale = effect.estimates
+    assert rate.lower < 1e-3 < rate.upper
+    assert scale.lower * 0.9 < 200.0 < scale.upper * 1.1
+    assert not found.observed[np.abs(values) > 51.0].any()
+
+
+def test_a_louder_stretch_is_no_outlier():
+    rng = np.random.default_rng(53)
+    values = white(N, rng)
+    values[20000:20400] *= 6.0
+    found = find_contamination(series(values), "u")
+    assert found.observed.all()
+
+
+def test_rounding_is_seen_and_its_error_subtracted():
+    rng = np.random.default_rng(54)
+    found = find_contamination(series(4.0 * np.rint(white(N, rng) / 4.0)), "u")
+    assert found.effects[0].effect.values() == (4.0,)
+    assert np.isclose(found.floor, 16.0 / 12.0 * 0.01)
