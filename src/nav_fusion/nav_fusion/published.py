@@ -19,29 +19,36 @@ def odometry_messages(
     solution: Solution, world_frame: str = WORLD_FRAME, body_frame: str = BODY_FRAME
 ) -> Bytes:
     """nav_msgs/Odometry, one a row: pose in the world's east, north, up, twist in body axes."""
-    w, x, y, z = solution.orientation.T
-    members = _named("position", "xyz", solution.position)
-    members |= {"orientation.x": x, "orientation.y": y, "orientation.z": z, "orientation.w": w}
-    members |= _named("linear", "xyz", solution.body_velocity)
-    members |= _named("angular", "xyz", solution.body_rate)
-    members |= _numbered("pose_covariance", solution.pose_covariance)
-    members |= _numbered("twist_covariance", solution.twist_covariance)
-    return cdr.encode(cdr.ODOMETRY, solution.stamp_ns, members, world_frame, body_frame)
+    numbers = np.concatenate(
+        (
+            solution.position,
+            solution.orientation[:, [1, 2, 3, 0]],
+            _flat(solution.pose_covariance),
+            solution.body_velocity,
+            solution.body_rate,
+            _flat(solution.twist_covariance),
+        ),
+        axis=1,
+    )
+    rows = cdr.encode(cdr.ODOMETRY, solution.stamp_ns, {}, world_frame, body_frame)
+    return _filled(rows, numbers, rows.shape[1])
 
 
 def fix_messages(solution: Solution, body_frame: str = BODY_FRAME) -> Bytes:
     """sensor_msgs/NavSatFix of the antenna with its east-north-up covariance, one a row."""
-    names = ("latitude", "longitude", "altitude")
-    members = dict(zip(names, solution.antenna.T, strict=True))
-    members |= _numbered("position_covariance", solution.antenna_covariance)
-    members["covariance_type"] = np.full(solution.stamp_ns.size, _COVARIANCE_KNOWN)
-    return cdr.encode(cdr.NAV_SAT_FIX, solution.stamp_ns, members, body_frame)
+    numbers = np.concatenate((solution.antenna, _flat(solution.antenna_covariance)), axis=1)
+    members = {"covariance_type": _COVARIANCE_KNOWN}
+    rows = cdr.encode(cdr.NAV_SAT_FIX, solution.stamp_ns, members, body_frame)
+    return _filled(rows, numbers, rows.shape[1] - 1)
 
 
-def _named(name: str, axes: str, rows: np.ndarray) -> dict[str, np.ndarray]:
-    return {f"{name}.{axis}": column for axis, column in zip(axes, rows.T, strict=True)}
+def _flat(matrices: np.ndarray) -> np.ndarray:
+    return matrices.reshape(matrices.shape[0], matrices.shape[1] * matrices.shape[2])
 
 
-def _numbered(name: str, matrices: np.ndarray) -> dict[str, np.ndarray]:
-    flat = matrices.reshape(matrices.shape[0], -1)
-    return {f"{name}.{k}": column for k, column in enumerate(flat.T)}
+def _filled(rows: Bytes, numbers: np.ndarray, end: int) -> Bytes:
+    """Messages with all their float64 members, which lie side by side and end at a byte."""
+    size = 8 * numbers.shape[1]
+    raw = np.ascontiguousarray(numbers, dtype="<f8").view(np.uint8)
+    rows[:, end - size : end] = raw.reshape(rows.shape[0], size)
+    return rows

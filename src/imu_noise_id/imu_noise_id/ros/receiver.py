@@ -30,7 +30,7 @@ class Receiver:
     complaints : tuple of str
         What is wrong with the topic's publishers, one sentence each, as of the last `look`.
     publishers : int
-        Of a type that will do.
+        Matched by the subscription, so that nothing that they send from now on is missed.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Receiver:
         """Look at the publishers, subscribe anew where they ask for it; say if the type changed."""
         found = self._node.get_publishers_info_by_topic(self.topic)
         fitting = [p for p in found if p.topic_type in self._types]
-        self.publishers = len(fitting)
+        self.publishers = self._subscription.get_publisher_count()
         types = {p.topic_type for p in fitting}
         weak = any(p.qos_profile.reliability == _BEST_EFFORT for p in fitting)
         reliability = _BEST_EFFORT if weak else _RELIABLE

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from imu_noise_id.cdr import Decoded, decode_batch
@@ -69,7 +69,9 @@ class Stream:
         """Diagnostics of this topic."""
         receiver = self.receiver
         name = f"{owner}: {receiver.topic}"
-        return self.diagnosis.status(name, self.watch, receiver.complaints, now_ns)
+        found = self.diagnosis.status(name, self.watch, receiver.complaints, now_ns)
+        found.values.append(KeyValue(key="publishers", value=str(receiver.publishers)))
+        return found
 
     def _keep(self, data: bytes) -> None:
         self._data.append(data)

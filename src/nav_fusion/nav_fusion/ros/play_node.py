@@ -26,6 +26,7 @@ _CLOCK_STEP_NS = 10_000_000
 _LONGEST_SLEEP_S = 0.05
 _ACKNOWLEDGED_S = 5.0
 _LATE_NS = 1_000_000
+_SETTLE_NS = 300_000_000
 _SWITCH_S = 2e-4
 
 
@@ -71,6 +72,8 @@ class Player:
         end = time.monotonic() + wait_s
         while time.monotonic() < end and not stopped():
             if all(p.get_subscription_count() for p in self._publishers.values()):
+                # a subscriber takes note of us a moment after we do of it, and nothing says when
+                _sleep_until(time.monotonic_ns() + _SETTLE_NS, stopped)
                 return
             time.sleep(0.01)
 
