@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.browser import visit
 from imu_noise_id.report import figures
 from imu_noise_id.report.curves import Part
 from imu_noise_id.report.page import Figure, Page, Section, Snippet, Table, render
 from imu_noise_id.report.plot import Axis, Layer, Plot
 from imu_noise_id.spectrum import Spectrum
+
+from helpers.browser import visit
 
 EVIL = "<script>alert(1)</script>\"'&amp;</title></style>--></pre>{{ 7*7 }}"
 
