@@ -8,14 +8,17 @@ import numpy as np
 from scipy import fft
 from scipy.special import chdtrc
 
+from imu_noise_id.effects.base import Effect
 from imu_noise_id.effects.bias_instability import BiasInstability
+from imu_noise_id.effects.rate_ramp import RateRamp
 from imu_noise_id.effects.rate_random_walk import RateRandomWalk
+from imu_noise_id.effects.temperature import Temperature
 from imu_noise_id.ordinates import Residual
 from imu_noise_id.reconcile.battery import battery
 from imu_noise_id.reconcile.null import Null, log_p_of, z_of
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, map_fit, without
 from imu_noise_id.reconcile.result import Where
-from imu_noise_id.reconcile.state import Analysis, State
+from imu_noise_id.reconcile.state import Analysis, Column, State, analyse
 from imu_noise_id.recording import Floats
 
 UNSEEN_GAIN = 6.0
@@ -151,21 +154,35 @@ def _steps(state: State, found: Analysis) -> Finding:
 
 
 def _courses(state: State, found: Analysis) -> list[Finding]:
-    """Scores of a straight line in time and of the temperature."""
+    """Gain of a straight line in time and of the temperature, the slow noise fitted anew.
+
+    A drift disguises itself as slow noise, so its score beside that noise says little.
+    """
     out = []
     t = state.time_s
-    shapes = [("ramp", t - t.mean(), Where("time", float(t[0]), float(t[-1]), "s", 0.0))]
+    place = Where("time", float(t[0]), float(t[-1]), "s", 0.0)
+    if not any(c.effect.name == "rate_ramp" for c in state.columns):
+        out.append(_course(state, found, "ramp", RateRamp(1.0), (t - t.mean()), place))
     T = state.temperature
-    if T is not None and float(np.ptp(T)) > 1e-6:
+    if T is None or float(np.ptp(T)) < 1e-6:
+        return out
+    if not any(c.effect.name == "temperature" for c in state.columns):
         place = Where("regressor", float(T.min()), float(T.max()), "degC", 0.0)
-        shapes.append(("temperature", T - T.mean(), place))
-    weight = found.inverse_psd * state.sample_time_s
-    for name, shape, place in shapes:
-        x = fft.dct(shape, norm="ortho")
-        power = float(x @ (weight * x))
-        z = float(x @ (weight * found.coefficients)) / np.sqrt(max(power, 1e-300))
-        out.append(_finding(name, log_p_of(z), replace(place, z=float(np.sign(z)))))
+        out.append(_course(state, found, "temperature", Temperature(1.0), T - T.mean(), place))
     return out
+
+
+def _course(
+    state: State, found: Analysis, name: str, effect: Effect, shape: Floats, place: Where
+) -> Finding:
+    column = Column(effect, shape)
+    grown = replace(state, columns=(*state.columns, column), effects=found.fit.effects)
+    fitted = analyse(grown)
+    gain = max(fitted.objective - found.objective, 0.0)
+    if state.prior.drift is not None:
+        gain = max(gain - UNSEEN_GAIN, 0.0)
+    sign = float(np.sign(fitted.sizes[-1]))
+    return _finding(name, _log_chi2(1, 2.0 * gain), replace(place, z=sign))
 
 
 def _drift(state: State, found: Analysis) -> Finding:

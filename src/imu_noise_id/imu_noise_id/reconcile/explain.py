@@ -148,8 +148,9 @@ def _responses(state: State, found: Analysis) -> list[Candidate]:
             misfit = found.ordinates.power / (relative * level)
             loss = 0.5 * float(found.ordinates.dof @ (np.log(relative * level) + misfit))
             ranked.append((loss, start))
-        ranked.sort(key=lambda item: item[0])
-        for _, start in ranked[:2]:
+        ranked.sort(key=lambda item: -item[0])
+        # the best start of every order: a corner fits the wrong order better than a far one its own
+        for start in {getattr(start, "order", 0.0): start for _, start in ranked}.values():
             price = PRICE_PER_PARAMETER * len(start.free())
             grown = replace(state, effects=(*found.fit.effects, start))
             out.append(_candidate(ADD, start, price, found, grown))
