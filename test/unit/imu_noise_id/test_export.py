@@ -168,6 +168,15 @@ def test_a_model_without_a_needed_channel_or_white_noise_is_refused(target: str)
         FORMATS[target](silent, 200.0)
 
 
+def test_a_channel_of_correlated_noise_alone_still_has_a_variance() -> None:
+    channels = tuple(_channel(f"position.{axis}", MARKOV) for axis in ("east", "north", "up"))
+    text = FORMATS["robot_localization"](NoiseModel(channels), 10.0).text
+    measured = yaml.safe_load(text)["measurement_covariances"]["ros__parameters"]
+    np.testing.assert_allclose(
+        np.array(measured["position_covariance"]).reshape(3, 3), 4e-8 * np.eye(3), rtol=1e-12
+    )
+
+
 @pytest.mark.parametrize("target", sorted(FORMATS))
 def test_hostile_names_stay_inside_comments(target: str) -> None:
     channels = tuple(

@@ -89,6 +89,13 @@ def _value(fitted: FittedEffect, parameter: str) -> float:
     return float(getattr(fitted.effect, parameter))
 
 
+def white_power(channel: ChannelModel, rate_hz: float) -> float:
+    """White spectrum at a sample rate, unit^2/Hz; 0 where the channel has none."""
+    power = sum(_value(e, "density") ** 2 for e in _all(channel, "white_noise"))
+    rounding = sum(_value(e, "step") ** 2 for e in _all(channel, "output_rounding"))
+    return power + rounding / (12.0 * rate_hz)
+
+
 def white_density(channel: ChannelModel, rate_hz: float, target: str) -> float:
     """White density at a sample rate, unit/sqrt(Hz).
 
@@ -97,8 +104,7 @@ def white_density(channel: ChannelModel, rate_hz: float, target: str) -> float:
     InputError
         When the channel has none.
     """
-    power = sum(_value(e, "density") ** 2 for e in _all(channel, "white_noise"))
-    power += sum(_value(e, "step") ** 2 for e in _all(channel, "output_rounding")) / (12 * rate_hz)
+    power = white_power(channel, rate_hz)
     if not power > 0.0:
         raise InputError(
             f"{channel.name}: no white_noise in the model, which {target} needs: "

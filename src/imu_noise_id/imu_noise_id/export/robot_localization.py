@@ -10,7 +10,7 @@ from imu_noise_id.export.reduction import (
     has_axes,
     left_out,
     stationary_variance,
-    white_density,
+    white_power,
 )
 from imu_noise_id.model import NoiseModel
 
@@ -55,7 +55,7 @@ def export(model: NoiseModel, rate_hz: float) -> Exported:
     Raises
     ------
     InputError
-        When the model has no channel that the filter takes, or one without white noise.
+        When the model has no channel that the filter takes, or one whose variance is not known.
     """
     notes: list[str] = []
     process = dict(zip(_STATES, _MOTION, strict=True))
@@ -67,15 +67,17 @@ def export(model: NoiseModel, rate_hz: float) -> Exported:
         variances = []
         for channel in axes:
             notes += left_out(channel, _HELD, "robot_localization (it has no bias states)")
-            density = white_density(channel, rate_hz, "robot_localization")
-            variances.append(density**2 * rate_hz + stationary_variance(channel))
+            variance = white_power(channel, rate_hz) * rate_hz + stationary_variance(channel)
+            if not variance > 0.0:
+                raise InputError(f"{channel.name}: no noise in the model with a variance")
+            variances.append(variance)
         lines.append(f"    {key}: [{_matrix(variances)}]  # {unit} per message at {rate_hz:g} Hz")
         states = {
             "angular_velocity": ("roll", "pitch", "yaw"),
             "linear_acceleration": ("vx", "vy", "vz"),
         }.get(quantity, ())
         for state, channel in zip(states, axes, strict=False):
-            process[state] = white_density(channel, rate_hz, "robot_localization") ** 2
+            process[state] = white_power(channel, rate_hz)
     if not lines:
         raise InputError(f"{model.source}: no IMU or GNSS channels: nothing for robot_localization")
     return Exported(_text(process, lines, rate_hz, notes), tuple(notes))
