@@ -17,6 +17,8 @@ MEDIAN_OVER_S = 2.0
 LEAST_PER_BLOCK = 16
 MOST_HIT = 0.05
 BY_CHANCE = 1e-4
+ENOUGH = 2**18
+"""Samples that tell a step or a median well enough."""
 COARSEST = 2.0
 """Steps beyond this many standard deviations of the fast noise are not white any more."""
 
@@ -81,7 +83,8 @@ def deviation_from_medians(seen: Floats, sample_time_s: float) -> Floats:
 
 def robust_sigma(deviation: Floats) -> float:
     """1.4826 times the median absolute deviation; the standard deviation where that is zero."""
-    sigma = 1.4826 * float(np.median(np.abs(deviation)))
+    some = deviation[:: 1 + deviation.size // ENOUGH]
+    sigma = 1.4826 * float(np.median(np.abs(some)))
     return sigma if sigma > 0.0 else float(np.std(deviation))
 
 
@@ -121,7 +124,7 @@ class _Rounding:
 
 
 def _rounding(seen: Floats, sigma: float, sample_time_s: float, unit: str) -> _Rounding:
-    step = rounding_step(seen)
+    step = rounding_step(seen[:ENOUGH])
     if step is None:
         return _Rounding(0.0, 0.0, (), ())
     effect = OutputRounding(step)

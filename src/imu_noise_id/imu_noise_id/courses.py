@@ -129,7 +129,7 @@ def _worth_a_look(coefficients: Floats, base: Fit, temperature: Floats | None) -
         return True
     n, dt = coefficients.size, base.ordinates.sample_time_s
     regressors = [_ramp(n, dt)] + ([_dct(temperature)] if temperature is not None else [])
-    psd = _full_psd(base, n)
+    psd = _low_psd(base, n)
     strong = any(abs(a / s) > 3.0 for a, s in (_gls(coefficients, x, psd, dt) for x in regressors))
     return strong or _scan(coefficients, base)[1] > _step_price(n)
 
@@ -161,19 +161,20 @@ def _ramp(n: int, sample_time_s: float) -> Floats:
     return _dct(sample_time_s * np.arange(n))
 
 
-def _full_psd(current: Fit, n: int) -> Floats:
-    """Fitted spectrum at every ordinate 1 ... n - 1, infinite at 0."""
-    frequency_hz = np.arange(1, n) / (2.0 * current.ordinates.duration_s)
+def _low_psd(current: Fit, n: int) -> Floats:
+    """Fitted spectrum at the first ``SCAN`` ordinates, infinite at 0: all that courses reach."""
+    frequency_hz = np.arange(1, min(n, SCAN)) / (2.0 * current.ordinates.duration_s)
     grid = current.ordinates.frequency_hz
     psd = np.exp(np.interp(frequency_hz, grid, np.log(current.spectrum.psd)))
     return np.concatenate(([np.inf], psd))
 
 
 def _gls(coefficients: Floats, x: Floats, psd: Floats, sample_time_s: float) -> tuple[float, float]:
-    """Amount of a regressor and its standard error."""
-    weighted = x * (sample_time_s / psd)
-    information = max(float(weighted @ x), np.finfo(float).tiny)
-    return float(weighted @ coefficients) / information, 1.0 / float(np.sqrt(information))
+    """Amount of a regressor and its standard error, from the ordinates of ``psd``."""
+    weighted = x[: psd.size] * (sample_time_s / psd)
+    information = max(float(weighted @ x[: psd.size]), np.finfo(float).tiny)
+    error = 1.0 / float(np.sqrt(information))
+    return float(weighted @ coefficients[: psd.size]) / information, error
 
 
 def _with_course(
@@ -188,12 +189,12 @@ def _with_course(
     effects = [c.effect for c in current.courses] + [effect]
     noise = current.fit
     for turn in range(ROUNDS):
-        psd = _full_psd(noise, coefficients.size)
+        psd = _low_psd(noise, coefficients.size)
         if turn == 0:
             psd[1:] = np.median(psd[1:])
-        weighted = design * (dt / psd)
-        covariance = np.linalg.pinv(weighted @ design.T, hermitian=True)
-        amounts = covariance @ (weighted @ coefficients)
+        weighted = design[:, : psd.size] * (dt / psd)
+        covariance = np.linalg.pinv(weighted @ design[:, : psd.size].T, hermitian=True)
+        amounts = covariance @ (weighted @ coefficients[: psd.size])
         rest = coefficients - amounts @ design
         spectrum = _like(ordinates(rest, dt, current.peaks_hz), current.fit.ordinates)
         noise = fit(noise.effects, spectrum, noise.floor, rough=True)
@@ -224,11 +225,11 @@ def _spent(explained: Explained) -> Explained:
     if not explained.courses:
         return explained
     dt = explained.fit.ordinates.sample_time_s
-    psd = _full_psd(explained.fit, explained.coefficients.size)
+    psd = _low_psd(explained.fit, explained.coefficients.size)
     design = np.stack([c.unit_coefficients for c in explained.courses])
-    weighted = design * np.sqrt(dt / psd)
-    basis, _ = np.linalg.qr(weighted.T)
-    leverage = np.sum(basis**2, axis=1)
+    basis, _ = np.linalg.qr((design[:, : psd.size] * np.sqrt(dt / psd)).T)
+    leverage = np.zeros(explained.coefficients.size)
+    leverage[: psd.size] = np.sum(basis**2, axis=1)
     edges = bin_edges(explained.coefficients.size, dt, explained.peaks_hz)
     used = np.add.reduceat(leverage[: edges[-1]], edges[:-1])
     grid = explained.fit.ordinates
@@ -249,7 +250,7 @@ def _scan(coefficients: Floats, noise: Fit) -> tuple[int, float]:
     """
     n = coefficients.size
     m = min(n, SCAN)
-    psd = _full_psd(noise, n)[:m] / noise.ordinates.sample_time_s
+    psd = _low_psd(noise, n) / noise.ordinates.sample_time_s
     weighted = coefficients[:m] / psd
     doubly = np.asarray(fft.idct(weighted, norm="ortho"))
     score = np.cumsum(doubly[::-1])[::-1]

@@ -92,7 +92,7 @@ def find_lines(
     coefficients : (n,) float64
         DCT-II of the record.
     ordinates : Ordinates
-        Of the same.
+        Of the same, no degree of freedom spent.
     psd : (b,) float64
         Noise level without lines at the ordinates' frequencies.
 
@@ -103,8 +103,8 @@ def find_lines(
         Frequencies that stand out but are no lines.
     """
     n, sample_time_s = coefficients.size, ordinates.sample_time_s
-    scale = np.sqrt(_interpolated(ordinates, psd, np.arange(n) / (2.0 * ordinates.duration_s)))
-    scale *= 1.0 / np.sqrt(sample_time_s)
+    scale = np.sqrt(psd / sample_time_s)
+    scale = np.concatenate((scale[:1], np.repeat(scale, ordinates.dof.astype(int))))
     white = np.asarray(fft.idct(coefficients / scale, norm="ortho"))
     lines: list[Line] = []
     wide: list[float] = []
@@ -124,13 +124,10 @@ def find_lines(
     return tuple(found), tuple(sorted(wide))
 
 
-def _interpolated(ordinates: Ordinates, psd: Floats, frequency_hz: Floats) -> Floats:
-    return np.exp(np.interp(frequency_hz, ordinates.frequency_hz, np.log(psd)))
-
-
 def _coloured(line: Line, ordinates: Ordinates, psd: Floats) -> Line:
     """Return a line of the white record as it was before whitening."""
-    level = float(_interpolated(ordinates, psd, np.array([line.frequency_hz]))[0])
+    nearest = int(np.argmin(np.abs(ordinates.frequency_hz - line.frequency_hz)))
+    level = float(psd[nearest])
     amplitude = line.amplitude * np.sqrt(level / ordinates.sample_time_s)
     return Line(line.frequency_hz, float(amplitude), line.phase_rad, level)
 
