@@ -21,7 +21,7 @@ from imu_noise_id.errors import InputError
 _WAKE_S = 0.05
 BAD_INPUT = 2
 BAD_ARGUMENTS = (
-    rclpy_implementation.RCLInvalidROSArgsError,
+    rclpy_implementation.RCLError,
     rclpy_implementation.UnknownROSArgsError,
 )
 
