@@ -103,7 +103,8 @@ def _are_outliers(hit: Mask, deviation: Floats, sigma: float) -> bool:
 
 def _outliers(hits: Floats, samples: int, sigma: float, unit: str) -> FittedEffect:
     rate, scale = outlier_parameters(hits, samples, sigma)
-    low, high = stats.chi2.ppf([0.025, 0.975], [2 * hits.size, 2 * hits.size + 2]) / 2.0
+    low = 0.5 * float(stats.chi2.ppf(0.025, 2 * hits.size))
+    high = 0.5 * float(stats.chi2.ppf(0.975, 2 * hits.size + 2))
     spread = np.exp(1.96 / np.sqrt(2.0 * hits.size))
     found = hits.size / rate if rate > 0.0 else 1.0
     return FittedEffect(

@@ -158,7 +158,7 @@ def _dct(course: Floats) -> Floats:
 
 
 def _ramp(n: int, sample_time_s: float) -> Floats:
-    return _dct(sample_time_s * np.arange(n))
+    return _dct(sample_time_s * np.arange(n, dtype=np.float64))
 
 
 def _low_psd(current: Fit, n: int) -> Floats:

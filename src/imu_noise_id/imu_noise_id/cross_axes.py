@@ -6,17 +6,19 @@ import dataclasses
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from imu_noise_id.effects.cross_axis import CrossAxis, correlation
 from imu_noise_id.model import ChannelModel, Estimate, FittedEffect
-from imu_noise_id.recording import Floats
 
 CLEAR = 5.0
 LEAST = 0.01
 
 
-def cross_axes(residuals: list[tuple[str, str, Floats]]) -> dict[str, tuple[FittedEffect, ...]]:
+def cross_axes(
+    residuals: list[tuple[str, str, NDArray[np.float32]]],
+) -> dict[str, tuple[FittedEffect, ...]]:
     """Cross-axis effects by channel name; each pair is listed on both of its channels.
 
     Parameters
@@ -28,7 +30,7 @@ def cross_axes(residuals: list[tuple[str, str, Floats]]) -> dict[str, tuple[Fitt
     for (topic, name, white), (other_topic, other, other_white) in combinations(residuals, 2):
         if topic != other_topic or white.size != other_white.size or white.size == 0:
             continue
-        value, error = correlation(white, other_white)
+        value, error = correlation(white.astype(np.float64), other_white.astype(np.float64))
         if abs(value) < max(CLEAR * error, LEAST):
             continue
         for one, two in ((name, other), (other, name)):

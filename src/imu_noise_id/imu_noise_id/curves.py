@@ -107,7 +107,8 @@ def _added_psd(model: ChannelModel, sample_time_s: float) -> float:
 
 
 def _taken_away(model: ChannelModel, tau_s: Floats, sample_time_s: float) -> Floats:
-    frequency_hz = (np.arange(INTEGRAL_POINTS) + 0.5) * (0.5 / sample_time_s / INTEGRAL_POINTS)
+    step = 0.5 / sample_time_s / INTEGRAL_POINTS
+    frequency_hz = (np.arange(INTEGRAL_POINTS, dtype=np.float64) + 0.5) * step
     sources = np.zeros_like(frequency_hz)
     response = np.ones_like(frequency_hz)
     for effect in (f.effect for f in model.effects):
@@ -116,7 +117,6 @@ def _taken_away(model: ChannelModel, tau_s: Floats, sample_time_s: float) -> Flo
         elif isinstance(effect, ResponseEffect):
             response = response * effect.power_response(frequency_hz, sample_time_s)
     weight = sources * (1.0 - response) / np.sin(np.pi * sample_time_s * frequency_hz) ** 2
-    step = 0.5 / sample_time_s / INTEGRAL_POINTS
     kernel = [float(weight @ np.sin(np.pi * t * frequency_hz) ** 4) for t in tau_s]
     return 4.0 * step * np.array(kernel) * (sample_time_s / tau_s) ** 2
 

@@ -19,13 +19,12 @@ from imu_noise_id.lines import Line, find_lines, level_without_lines, without_pe
 from imu_noise_id.model import Estimate, FittedEffect, UpperBound
 from imu_noise_id.ordinates import Ordinates, cosine_coefficients, fast_length, ordinates
 from imu_noise_id.recording import Floats, Mask
-from imu_noise_id.selection import SLOW, SOURCES, select
+from imu_noise_id.selection import SLOW, SMOOTH, select
 from imu_noise_id.series import Series
 from imu_noise_id.whittle import Fit, spectrum_of
 
 SEED = 952
 SMOOTH_DRAWS = 2
-SMOOTH = tuple(kind for kind in SOURCES if kind.name != "narrow_band")
 LINE_DOF = 3.0
 SKIRT = 0.15
 LONGEST_WHITE = 2**20

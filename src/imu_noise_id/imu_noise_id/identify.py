@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from imu_noise_id.allan import AllanCurve, allan
 from imu_noise_id.cca import Cca, past_future
@@ -105,7 +106,7 @@ def identify_recording(recording: Recording, workers: int = 2) -> Identification
     groups = {t: tuple(c for c in channels if c.topic == t) for t in {c.topic for c in channels}}
     transports = {topic: find_transport(group) for topic, group in groups.items()}
 
-    def work(channel: Channel) -> tuple[ChannelResult, Floats]:
+    def work(channel: Channel) -> tuple[ChannelResult, NDArray[np.float32]]:
         group = groups[channel.topic]
         return _identify_channel(channel, group, transports[channel.topic], recording)
 
@@ -123,7 +124,7 @@ def identify_recording(recording: Recording, workers: int = 2) -> Identification
 
 def _identify_channel(
     channel: Channel, group: tuple[Channel, ...], transport: Transport, recording: Recording
-) -> tuple[ChannelResult, Floats]:
+) -> tuple[ChannelResult, NDArray[np.float32]]:
     """Curves and model of one channel that has a still sample, and its white residual."""
     series = to_series(channel, recording.start_ns)
     fresh = to_series(without_repeats(channel, group, transport.factor), recording.start_ns)
@@ -141,7 +142,7 @@ def _identify_channel(
     reason = _nothing_to_see(fresh)
     if reason:
         result = ChannelResult(channel, series, curve, model, None, (reason,))
-        return result, np.zeros(0)
+        return result, np.zeros(0, dtype=np.float32)
     found = estimate_series(fresh, channel.unit, _temperature(recording, fresh))
     held = transport.factor**-0.5
     model = dataclasses.replace(
@@ -174,7 +175,11 @@ def _as_sent(fitted: FittedEffect, factor: float) -> FittedEffect:
         return None if value is None or isinstance(value, str) else factor * value
 
     changed = Estimate(
-        *(scaled(getattr(row, k)) for k in ("value", "std_error", "lower", "upper")), row.unit
+        scaled(row.value),
+        scaled(row.std_error),
+        scaled(row.lower),
+        scaled(row.upper),
+        row.unit,
     )
     return FittedEffect(WhiteNoise(factor * fitted.effect.density), (changed,), fitted.note)
 

@@ -145,7 +145,9 @@ def _peaks(white: Floats, sample_time_s: float) -> tuple[Floats, Floats]:
     power = np.empty(2 * transform.size - 1)
     power[0::2] = transform.real**2 + transform.imag**2
     power[1::2] = between.real**2 + between.imag**2
-    frequency_hz = (LEAST_CYCLES + 0.5 * np.arange(power.size)) / (n * sample_time_s)
+    frequency_hz = (LEAST_CYCLES + 0.5 * np.arange(power.size, dtype=np.float64)) / (
+        n * sample_time_s
+    )
     return power / n - np.log(n / 2.0) - MARGIN, frequency_hz
 
 
@@ -170,7 +172,7 @@ def _fit_line(white: Floats, sample_time_s: float, frequency_hz: float) -> tuple
     n = white.size
     size = max(n // BLOCKS, 1)
     count = n // size
-    time_s = (np.arange(count) + 0.5 * (1.0 - 1.0 / size)) * size * sample_time_s
+    time_s = (np.arange(count, dtype=np.float64) + 0.5 * (1.0 - 1.0 / size)) * size * sample_time_s
     for last in (False, True):
         turn = np.exp(-2j * np.pi * frequency_hz * sample_time_s * np.arange(count * size))
         baseband = (white[: count * size] * turn).reshape(count, size).mean(axis=1)

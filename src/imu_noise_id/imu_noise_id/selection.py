@@ -36,7 +36,8 @@ MOST = {"gauss_markov": 3, "narrow_band": 5}
 STRENGTHS = ("density", "coefficient", "sigma")
 LEAST_GAIN = 0.1
 SLOW: tuple[type[StochasticEffect], ...] = (RateRandomWalk, BiasInstability, GaussMarkov)
-SOURCES: tuple[type[StochasticEffect], ...] = (*SLOW, Quantization, NarrowBand)
+SMOOTH: tuple[type[StochasticEffect], ...] = (*SLOW, Quantization)
+SOURCES: tuple[type[StochasticEffect], ...] = (*SMOOTH, NarrowBand)
 RESPONSES: tuple[type[ResponseEffect], ...] = (Averaging, BandwidthLimit)
 LEAST_EFFECTS = 1
 
@@ -172,10 +173,10 @@ def _swap(current: Fit) -> Fit:
     """Best fit with one effect exchanged for another kind, or the current one."""
     trials = [current]
     for i, effect in enumerate(current.effects):
-        if not isinstance(effect, (*SLOW, Quantization)) or not _leaves_a_source(current, i):
+        if not isinstance(effect, SMOOTH) or not _leaves_a_source(current, i):
             continue
         rest = _refit(current, _without(current, i))
-        for kind in (*SLOW, Quantization):
+        for kind in SMOOTH:
             if kind.name == effect.name or not _may_have(rest.effects, kind):
                 continue
             trials += [_refit(current, (*rest.effects, s)) for s in kind.starts(rest.residual)]

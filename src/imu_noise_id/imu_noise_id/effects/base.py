@@ -98,7 +98,7 @@ class Effect(ABC):
 
     def replace(self, **changes: float | str) -> Effect:
         """Return a copy with other parameter values."""
-        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+        return dataclasses.replace(self, **changes)
 
     def limits(self, sample_time_s: float, duration_s: float) -> tuple[tuple[float, float], ...]:
         """Range of each free parameter in which it can be told from something else.

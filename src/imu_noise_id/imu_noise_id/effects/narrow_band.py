@@ -64,7 +64,7 @@ class NarrowBand(StochasticEffect):
         misfit = ordinates.power / residual.psd - 1.0
         half_bin = 0.25 * ordinates.dof / ordinates.duration_s
         found: list[tuple[float, NarrowBand]] = []
-        for bins in 2 ** np.arange(12):
+        for bins in (2**i for i in range(12)):
             if 4 * bins > misfit.size:
                 break
             low = ordinates.frequency_hz[: misfit.size - bins + 1] - half_bin[: 1 - bins or None]
