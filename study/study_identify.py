@@ -19,16 +19,15 @@ from multiprocessing import Pool
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.signal import lfilter
-
 from imu_noise_id.effects import CATALOGUE
 from imu_noise_id.estimation import estimate_series
 from imu_noise_id.intervals import estimates
 from imu_noise_id.ordinates import Ordinates, cosine_coefficients, ordinates
-from imu_noise_id.selection import select, white_start
+from imu_noise_id.selection import white_start
 from imu_noise_id.series import Series
 from imu_noise_id.whittle import Fit, fit
+from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 Floats = NDArray[np.float64]
 RATE_HZ, DURATION_S = 100.0, 3600.0
@@ -194,9 +193,7 @@ def study_laws(pool: Pool, runs: int) -> str:  # type: ignore[valid-type]
         bias = error.mean(axis=0) / rmse
         covered = np.mean((lower <= truth) & (truth <= upper), axis=0)
         limit = bound(law)
-        labels = [
-            f"{kind}.{p.name}" for kind, _ in law for p in CATALOGUE[kind].parameters
-        ]
+        labels = [f"{kind}.{p.name}" for kind, _ in law for p in CATALOGUE[kind].parameters]
         for i, label in enumerate(labels):
             lines.append(
                 f"| {name} | {label} | {limit[i]:.4f} | {rmse[i] / limit[i]:.3f} "
@@ -228,8 +225,10 @@ def one_structure(job: Structured) -> tuple[str, bool]:
 
 
 def expected_ratio(law: Law, n: int) -> tuple[float, str]:
-    """Smallest expected log-likelihood ratio of the law over another set of as many effects or
-    one fewer, nats: the true spectrum taken as data, every effect left out, and every one swapped."""
+    """Smallest expected log-likelihood ratio of the law over another set, nats, and that set.
+
+    The true spectrum is taken as data; every effect is left out, and every one swapped.
+    """
     theta = np.log([v for _, values in law for v in values])
     y = np.ones(n)
     grid = ordinates(cosine_coefficients(y), DT)
@@ -260,7 +259,7 @@ def study_structure(pool: Pool, runs: int) -> str:  # type: ignore[valid-type]
         f"{runs} runs each, at {RATE_HZ:.0f} Hz through the whole pipeline (lines, courses, "
         "outliers and rounding looked for too).  `next` is the set with the smallest expected "
         "log-likelihood ratio.\n",
-        "| law | s | expected ratio, next | right set | \"between\" said | most often wrong |",
+        '| law | s | expected ratio, next | right set | "between" said | most often wrong |',
         "|---|---|---|---|---|---|",
     ]
     cases: list[tuple[str, Law, int]] = [("white", (W,), 60000), ("white", (W,), N)]
