@@ -25,6 +25,7 @@ from nav_fusion.observe import (
     correct_by_fix,
     correct_by_rest,
     correct_by_velocity,
+    may_rest,
     update_views,
 )
 from nav_fusion.state import (
@@ -411,14 +412,15 @@ def close_block(core: Core, length_s: float) -> None:
     if d[STILL] == 0.0 or core.constants[STILL_USE] == 0.0:
         return
     slow, sensing, update = slow_of(core), sensing_of(core), update_of(core)
+    # one decision for all hypotheses: those that used more data than others would seem likelier
+    settle_all(core)
+    if not may_rest(core.bank[heaviest(core)], core.target.size, sensing):
+        return
     gyro_psd = core.constants[GYRO_PSD : GYRO_PSD + 3]
     for h in range(core.bank.shape[0]):
         s = core.bank[h]
         if s[ALIVE] > 0.0:
-            settle(core, s)
-            correct_by_rest(
-                s, slow, mean, gyro_psd, length_s, sensing, update
-            )
+            correct_by_rest(s, slow, mean, gyro_psd, length_s, sensing, update)
             refresh_bias(s, slow)
 
 

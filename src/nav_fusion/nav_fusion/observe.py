@@ -398,31 +398,40 @@ def correct_by_field(
 
 
 @njit(cache=True)
+def may_rest(s: Floats, slow_states: int, sensing: Sensing) -> bool:
+    """Whether a hypothesis knows its velocity well enough, and near enough 0, to call it rest.
+
+    Quiet sensors alone do not tell rest from an even drive.
+    """
+    P = s[SLOW + slow_states :]
+    speed2 = s[V] ** 2 + s[V + 1] ** 2 + s[V + 2] ** 2
+    variance = max(P[3 * (STRIDE + 1)], P[4 * (STRIDE + 1)], P[5 * (STRIDE + 1)])
+    return math.sqrt(speed2) + 2.0 * math.sqrt(variance) <= sensing.still[2]
+
+
+@njit(cache=True)
 def correct_by_rest(
     s: Floats, slow: SlowModel, rate: Floats, gyro_psd: Floats, window_s: float,
     sensing: Sensing, u: Update,
 ) -> None:
     """Standing still: velocity 0, and the gyro reads the Earth's rate and its bias.
 
-    Only where the filter itself cannot tell its velocity from 0 and knows it well enough: quiet
-    sensors alone do not tell rest from an even drive.  ``rate`` (3,) is the mean of the window's
-    raw angular rate; its white noise is psd / window.
+    ``rate`` (3,) is the mean of the window's raw angular rate; its white noise is psd / window.
+    Like every measurement it counts in the hypothesis's log-likelihood.
     """
     m = slow.target.size
     n = NAV + m
     P = s[SLOW + m :]
-    speed2 = s[V] ** 2 + s[V + 1] ** 2 + s[V + 2] ** 2
-    variance = max(P[3 * (STRIDE + 1)], P[4 * (STRIDE + 1)], P[5 * (STRIDE + 1)])
-    if math.sqrt(speed2) + 2.0 * math.sqrt(variance) > sensing.still[2]:
-        return
     u.H[:, :] = 0.0
     u.R[:, :] = 0.0
     for i in range(3):
         u.y[i] = -s[V + i]
         u.H[i, 3 + i] = 1.0
         u.R[i, i] = sensing.still[0] ** 2
-    innovation_covariance(P, n, 3, u)
-    if whiten(3, u) > sensing.gate[3]:
+    logarithm = innovation_covariance(P, n, 3, u)
+    nis = whiten(3, u)
+    s[LOG_WEIGHT] -= 0.5 * (min(nis, sensing.gate[3]) + logarithm)
+    if nis > sensing.gate[3]:
         return
     apply_correction(s, m, 3, u)
     rotation_matrix(s[Q : Q + 4], u.C)
@@ -435,7 +444,9 @@ def correct_by_rest(
         if slow.target[k] < 3:
             u.H[slow.target[k], NAV + k] = 1.0
             u.y[slow.target[k]] -= s[SLOW + k]
-    innovation_covariance(P, n, 3, u)
-    if whiten(3, u) <= sensing.gate[3]:
+    logarithm = innovation_covariance(P, n, 3, u)
+    nis = whiten(3, u)
+    s[LOG_WEIGHT] -= 0.5 * (min(nis, sensing.gate[3]) + logarithm)
+    if nis <= sensing.gate[3]:
         apply_correction(s, m, 3, u)
         s[STILL_UPDATES] += 1.0
