@@ -58,7 +58,7 @@ class RandomTelegraph(StochasticEffect):
         # 1 - (3 - 4 e^-r + e^-2r)/(2 r) -> r/3 - r^2/4 loses its digits to cancellation below 1e-3
         exact = 1.0 - (3.0 - 4.0 * np.exp(-r) + np.exp(-2.0 * r)) / (2.0 * r)
         factor = np.where(r < 1e-3, r / 3.0 - r**2 / 4.0, exact)
-        return 2.0 * (0.5 * self.height) ** 2 / r * factor
+        return np.asarray(2.0 * (0.5 * self.height) ** 2 / r * factor)
 
     def simulate(self, n: int, sample_time_s: float, rng: np.random.Generator) -> Floats:
         """Jumps as a Poisson process of rate 1/tau from a level drawn at even odds."""
