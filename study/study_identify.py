@@ -1,8 +1,8 @@
-"""Identification against truth: accuracy, intervals, structure, contamination, public and real data.
+"""Identification against truth: accuracy, intervals, structure and contamination.
 
-Writes ``docs/study_identify.md``.  Records are made here from their definitions, by numpy alone; the
-Cramer-Rao bounds are of the Whittle likelihood at every ordinate, from spectra written down here and
-differentiated numerically.  Nothing of the package's simulation or spectra is used for either.
+Writes ``docs/study_identify.md``.  Records are made here from their definitions, by numpy alone;
+the Cramer-Rao bounds are of the Whittle likelihood at every ordinate, from spectra written down
+here and differentiated numerically.  Nothing of the package's simulation or spectra is used.
 
     python study/study_identify.py --runs 1000 [--only laws structure ...]
 """
@@ -34,7 +34,7 @@ RATE_HZ, DURATION_S = 100.0, 3600.0
 DT, N = 1.0 / RATE_HZ, int(RATE_HZ * DURATION_S)
 
 
-# ---------------------------------------------------------------- records and spectra, by themselves
+# -------------------------------------------------------------- records and spectra, by themselves
 
 
 def white(n: int, dt: float, rng: np.random.Generator, density: float) -> Floats:
@@ -210,6 +210,8 @@ def study_laws(pool: Pool, runs: int) -> str:  # type: ignore[valid-type]
 
 @dataclass(frozen=True)
 class Structured:
+    """One run of the structure study."""
+
     law: Law
     n: int
     seed: int
