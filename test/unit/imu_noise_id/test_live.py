@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-
-from imu_noise_id import cdr
 from imu_noise_id.assemble import to_recording
 from imu_noise_id.cdr import LAYOUTS
 from imu_noise_id.columns import TopicColumns
 from imu_noise_id.identify import identify_recording
 from imu_noise_id.live import SLOW_BLOCKS, findings, identify_columns
 from imu_noise_id.longrun import LongRun
+
+from imu_noise_id import cdr
 
 RATE_HZ = 10
 WHITE, WALK = 1e-3, 2e-5
@@ -76,3 +76,13 @@ def test_the_last_seconds_leave_out_what_was_before() -> None:
     found = identify_columns([rest], last_s=100.0, before=[before])
     assert found.span.to_s == pytest.approx(100.0, abs=0.2)
     assert found.span.from_s == 0.0
+
+
+def test_an_axis_that_lost_samples_of_its_own_does_not_lose_the_others() -> None:
+    rng = np.random.default_rng(4)
+    stamp_ns = 10**18 + np.arange(6000) * 10**7
+    values = rng.normal(size=(6, 6000))
+    values[2, rng.random(6000) < 0.01] = np.nan
+    found = identify_columns([TopicColumns("/imu/data", cdr.IMU, stamp_ns, stamp_ns, values)])
+    assert len(found.model.channels) == 6
+    assert all(channel.effects for channel in found.model.channels)

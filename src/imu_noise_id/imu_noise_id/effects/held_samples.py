@@ -63,6 +63,9 @@ def held_factor(values: list[Floats]) -> float:
     moving = [v for v in values if v.size > 64 and np.any(v[1:] != v[0])]
     if not moving:
         return 1.0
+    # a channel that lost samples of its own (NaN) no longer lies beside the others
+    most = max(v.size for v in moving)
+    moving = [v for v in moving if v.size == most]
     fresh = np.flatnonzero(np.any([fresh_samples(v) for v in moving], axis=0))
     if fresh.size < 8:
         return 1.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 from dataclasses import dataclass
@@ -107,7 +108,24 @@ class Worker:
     def _send(self, job: Job) -> None:
         with contextlib.suppress(BrokenPipeError, ConnectionResetError):
             if self._connection is not None:
-                self._connection.send(job)
+                send_job(self._connection, job)
+
+
+def send_job(connection: Connection, job: Job) -> None:
+    """Send a job, its arrays from where they lie: a copy would hold the interpreter's lock."""
+    arrays: list[pickle.PickleBuffer] = []
+    head = pickle.dumps(job, protocol=5, buffer_callback=arrays.append)
+    connection.send((head, len(arrays)))
+    for array in arrays:
+        connection.send_bytes(array.raw())
+
+
+def receive_job(connection: Connection) -> Job:
+    """Receive what `send_job` sent; its arrays are read-only."""
+    head, count = connection.recv()
+    arrays = [connection.recv_bytes() for _ in range(count)]
+    job: Job = pickle.loads(head, buffers=arrays)  # noqa: S301 - from our own parent, by its pipe
+    return job
 
 
 def serve(connection: Connection) -> None:
@@ -117,7 +135,7 @@ def serve(connection: Connection) -> None:
     os.nice(_NICE)
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
-            connection.send(work(connection.recv()))
+            connection.send(work(receive_job(connection)))
 
 
 def work(job: Job) -> Answer:
