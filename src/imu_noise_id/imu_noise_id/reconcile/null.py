@@ -14,12 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.fft import next_fast_len
 from scipy.special import log_ndtr, ndtri
 
 from imu_noise_id.reconcile.battery import NAMES, battery, white_record
 from imu_noise_id.recording import Floats
 
-VERSION = 2
+VERSION = 3
 SIMULATIONS = 900
 TAIL_FROM = 0.90
 LENGTHS_PER_OCTAVE = 6
@@ -81,7 +82,7 @@ def load_null(
     simulations : int
     """
     octave = np.round(np.log2(samples) * LENGTHS_PER_OCTAVE) / LENGTHS_PER_OCTAVE
-    n = round(2.0 ** float(octave))
+    n = next_fast_len(round(2.0 ** float(octave)), real=True)
     interval = float(f"{sample_time_s:.2g}")
     path = _cache_folder() / f"null_v{VERSION}_{n}_{interval:g}_{simulations}.npz"
     if path.is_file():
