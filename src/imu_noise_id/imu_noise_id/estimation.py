@@ -12,6 +12,7 @@ from scipy import fft
 from imu_noise_id.ambiguity import equal_names, upper_bounds
 from imu_noise_id.contamination import Contamination, find_contamination
 from imu_noise_id.courses import Explained, explain
+from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.gaps import draw_missing, interpolate, roughly_filled
 from imu_noise_id.intervals import estimates
@@ -27,6 +28,7 @@ SEED = 952
 SMOOTH_DRAWS = 2
 LINE_DOF = 3.0
 SKIRT = 0.15
+NARROW_HZ = 1.0
 LONGEST_WHITE = 2**20
 
 
@@ -186,7 +188,21 @@ def _analyse(
             clear = (*clear, *more)
             grid, rest = _without_lines(values, sample_time_s, clear, wide)
             fitted = select(_spent(grid, clear, share), floor, fitted.effects)
+    peaks = _narrow_peaks(fitted)
+    if peaks:
+        wide = (*wide, *peaks)
+        grid = ordinates(rest, sample_time_s, wide)
+        fitted = select(_spent(grid, clear, share), floor, fitted.effects)
     return Analysis(clear, explain(rest, fitted, start_s, temperature, wide))
+
+
+def _narrow_peaks(fitted: Fit) -> tuple[float, ...]:
+    """Centres of narrow bands so narrow that the width of the bins would widen them."""
+    return tuple(
+        effect.frequency_hz
+        for effect in fitted.effects
+        if isinstance(effect, NarrowBand) and effect.bandwidth_hz < NARROW_HZ
+    )
 
 
 def _apart(line: Line, wide: tuple[float, ...]) -> bool:
