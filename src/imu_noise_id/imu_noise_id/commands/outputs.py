@@ -133,5 +133,5 @@ def _on_cluster(jobs: list[Job], scheduler: str) -> Iterator[Unit]:
         ) from error
     with client:
         futures = client.map(identify_unit, jobs, pure=False, retries=3)
-        for future in as_completed(futures):
+        for future in as_completed(futures, loop=client.loop):
             yield future.result()
