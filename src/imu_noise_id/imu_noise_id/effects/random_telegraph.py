@@ -40,7 +40,7 @@ class RandomTelegraph(StochasticEffect):
         a = np.exp(-2.0 * sample_time_s / self.mean_dwell_s)
         s = np.sin(np.pi * frequency_hz * sample_time_s) ** 2
         power = 0.25 * self.height**2 * sample_time_s
-        return power * (1.0 - a * a) / ((1.0 - a) ** 2 + 4.0 * a * s)
+        return np.asarray(power * (1.0 - a * a) / ((1.0 - a) ** 2 + 4.0 * a * s))
 
     def psd_gradient(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
         """dS/d(log h) = 2 S; dS/d(log tau) by the chain rule through a."""
