@@ -144,6 +144,10 @@ def fleet_table(tree: dict[str, Any]) -> Table:
     return table
 
 
+def _score(score: float) -> str:
+    return f"{score:.2f}" if math.isfinite(score) else "-"
+
+
 def reconciliation_table(result: Reconciliation) -> Table:
     """Return the verdict on every channel: gap before, what was changed, gap after."""
     from rich import box
@@ -161,8 +165,8 @@ def reconciliation_table(result: Reconciliation) -> Table:
         table.add_row(
             Text(channel.name, "bold"),
             Text(channel.verdict, colours.get(channel.verdict, "")),
-            f"{channel.before.score:.2f}",
-            f"{channel.after.score:.2f}",
+            _score(channel.before.score),
+            _score(channel.after.score),
             Text(", ".join(f"{step.action} {step.effect.name}" for step in channel.steps)),
         )
     return table

@@ -64,7 +64,7 @@ class RandomTelegraph(StochasticEffect):
         """Jumps as a Poisson process of rate 1/tau from a level drawn at even odds."""
         jumps = rng.poisson(sample_time_s / self.mean_dwell_s, n)
         jumps[0] = rng.integers(2)
-        return 0.5 * self.height * (1.0 - 2.0 * (np.cumsum(jumps) % 2))
+        return np.asarray(0.5 * self.height * (1.0 - 2.0 * (np.cumsum(jumps) % 2)))
 
 
 @dataclass(frozen=True)

