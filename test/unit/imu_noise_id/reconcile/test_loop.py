@@ -160,3 +160,4 @@ def test_channels_without_a_model_are_listed_with_the_reason(model: NoiseModel) 
     part = replace(model, channels=model.channels[:5])
     result = reconcile_recording(made("nothing", seed=5), part)
     assert result.channel(NAMES[5]).notes == ("the model has no such channel",)
+    assert result.channel(NAMES[5]).verdict == "agrees"
