@@ -22,7 +22,7 @@ from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.ordinates import Residual
 from imu_noise_id.reconcile.battery import BURST_BLOCKS
 from imu_noise_id.reconcile.compare import step_scores
-from imu_noise_id.reconcile.prior import FREE_STD_ERROR, without
+from imu_noise_id.reconcile.prior import FREE_STD_ERROR, SLOW, without
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
 from imu_noise_id.reconcile.state import Analysis, Column, State, analyse, course_column
 from imu_noise_id.recording import Floats
@@ -89,8 +89,8 @@ def candidates(state: State, found: Analysis) -> list[Candidate]:
 
 
 def _preference(candidate: Candidate) -> float:
-    """Nats in favour of an addition: values far outside their intervals are the rarer story."""
-    return PREFERENCE if candidate.action == ADD else 0.0
+    """Nats in favour of a second slow term: values far outside their intervals are rarer."""
+    return PREFERENCE if candidate.action == ADD and candidate.effect.name in SLOW else 0.0
 
 
 def residual_of(found: Analysis) -> Residual:

@@ -180,7 +180,7 @@ def _choose(found: list[Candidate]) -> tuple[Candidate, str] | None:
 
 def _halved(trail: list[tuple[Work, Findings]], log_level: float) -> Work:
     """The last work of the trail whose steps are worth keeping."""
-    if trail[-1][1].log_p > log_level:
+    if len(trail) == 1 or (trail[-1][1].log_p > log_level and _closed(trail)):
         return trail[-1][0]
     kept = 0
     for step in range(1, len(trail)):
@@ -191,6 +191,13 @@ def _halved(trail: list[tuple[Work, Findings]], log_level: float) -> Work:
             break
         kept = step
     return trail[kept][0]
+
+
+def _closed(trail: list[tuple[Work, Findings]]) -> bool:
+    """Whether the steps closed the gap on unseen data too: half of it, and a scatter of 0.25."""
+    before = trail[1][0].drafts[-1].held_out.gap_before
+    after = trail[-1][0].drafts[-1].held_out.gap_after
+    return after - 1.0 <= 0.5 * max(before - 1.0, 0.0) + 0.25
 
 
 def _assemble(
