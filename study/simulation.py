@@ -14,8 +14,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """White densities, Gauss-Markov (sigma, s) and turn-on sigma of the IMU; GNSS white and colour.
-    """
+    """White density, Gauss-Markov (sigma, s), turn-on sigma of the IMU; of fixes white, colour."""
 
     gyro_density: float = 1.7e-4
     gyro_markov: tuple[float, float] = (1e-4, 300.0)
@@ -49,8 +48,12 @@ def markov(n: int, dt: float, sigma: float, time_s: float, rng: np.random.Genera
     return lfilter([1.0], [1.0, -a], w)
 
 
-def sense(truth: Truth, errors: SensorErrors, rng: np.random.Generator,
-          start_ns: int = 1_700_000_000_000_000_000) -> Sensed:
+def sense(
+    truth: Truth,
+    errors: SensorErrors,
+    rng: np.random.Generator,
+    start_ns: int = 1_700_000_000_000_000_000,
+) -> Sensed:
     """One realisation."""
     n = truth.t.size
     dt = float(truth.t[1] - truth.t[0])
@@ -61,19 +64,31 @@ def sense(truth: Truth, errors: SensorErrors, rng: np.random.Generator,
 
     e = errors
     rate = truth.rate + np.stack(
-        [axis(e.gyro_density, e.gyro_markov, e.gyro_turn_on) for _ in range(3)], -1)
+        [axis(e.gyro_density, e.gyro_markov, e.gyro_turn_on) for _ in range(3)], -1
+    )
     force = truth.force + np.stack(
-        [axis(e.accel_density, e.accel_markov, e.accel_turn_on) for _ in range(3)], -1)
-    every = int(round(1 / (dt * e.fix_rate_hz)))
+        [axis(e.accel_density, e.accel_markov, e.accel_turn_on) for _ in range(3)], -1
+    )
+    every = round(1 / (dt * e.fix_rate_hz))
     k = np.arange(0, n, every)
-    enu = np.stack([rng.normal(0, e.fix_white, k.size)
-                    + markov(k.size, every * dt, *e.fix_markov, rng) for _ in range(3)], -1)
+    enu = np.stack(
+        [
+            rng.normal(0, e.fix_white, k.size) + markov(k.size, every * dt, *e.fix_markov, rng)
+            for _ in range(3)
+        ],
+        -1,
+    )
     latitude, longitude, altitude = truth.geodetic[k].T
     s2 = np.sin(latitude) ** 2
     N = 6378137.0 / np.sqrt(1 - 0.00669437999014 * s2)
     M = N * (1 - 0.00669437999014) / (1 - 0.00669437999014 * s2)
-    fix = np.stack([np.degrees(latitude + enu[:, 1] / (M + altitude)),
-                    np.degrees(longitude + enu[:, 0] / ((N + altitude) * np.cos(latitude))),
-                    altitude + enu[:, 2]], -1)
+    fix = np.stack(
+        [
+            np.degrees(latitude + enu[:, 1] / (M + altitude)),
+            np.degrees(longitude + enu[:, 0] / ((N + altitude) * np.cos(latitude))),
+            altitude + enu[:, 2],
+        ],
+        -1,
+    )
     stamp_ns = start_ns + np.rint(truth.t * 1e9).astype(np.int64)
     return Sensed(stamp_ns, rate, force, stamp_ns[k], fix)

@@ -59,7 +59,8 @@ def position_rows() -> list[str]:
             f"{run.sigma(0)[at_50]:.4f} / {run.sigma(1)[at_50]:.5f} | "
             f"{run.sigma(0)[-1]:.4f} / {run.sigma(1)[-1]:.5f} | "
             f"{limit[0]:.5f} / {limit[1]:.6f} | "
-            f"{rough.sigma(0)[-1] / run.sigma(0)[-1] - 1:+.1e} |")
+            f"{rough.sigma(0)[-1] / run.sigma(0)[-1] - 1:+.1e} |"
+        )
     return rows
 
 
@@ -72,11 +73,13 @@ def heading_rows() -> list[str]:
         limit = math.degrees(math.sqrt(steady(chain)[0, 0]))
         aid = AidNoise(abs(MAGNETOMETER.a0 / MAGNETOMETER.b0))
         plain = identified_chain(
-            AxisNoise(math.radians(walk)), aid, 1, math.radians(5.0), aid_rate_hz=10.0)
+            AxisNoise(math.radians(walk)), aid, 1, math.radians(5.0), aid_rate_hz=10.0
+        )
         identified = math.degrees(run_covariance(plain, SECONDS).sigma(0)[-1])
         rows.append(
-            f"| {name} | {printed} | {math.degrees(run.sigma(0)[round(500)]):.5f} | "
-            f"{math.degrees(run.sigma(0)[-1]):.5f} | {limit:.5f} | {identified:.5f} |")
+            f"| {name} | {printed} | {math.degrees(run.sigma(0)[500]):.5f} | "
+            f"{math.degrees(run.sigma(0)[-1]):.5f} | {limit:.5f} | {identified:.5f} |"
+        )
     return rows
 
 
@@ -87,19 +90,28 @@ def main() -> None:
     options = arguments.parse_args()
     worst = max(excess(heading_chain(s, MAGNETOMETER, exact), 3000.0) for s, *_ in GYROS.values())
     page = [
-        "# Chapter 6: position and heading on the thesis's printed models", "",
+        "# Chapter 6: position and heading on the thesis's printed models",
+        "",
         "Exact discretisation, 1 kHz and 10 Hz, initial errors 5 m and 5 deg, accelerometer in g "
         "times 9.80665, aid an ARMA(1,1) at its own 10 Hz whose state moves by the input that it "
         "shows.  The thesis's sigmas cannot be had from the models that it prints (its Q, R, C, P0 "
-        "and durations are not printed); ours stand beside them as they come out.", "",
-        "## Table 6.1: position m / velocity m/s, 1 sigma, before the fix", "",
+        "and durations are not printed); ours stand beside them as they come out.",
+        "",
+        "## Table 6.1: position m / velocity m/s, 1 sigma, before the fix",
+        "",
         "| sensor | thesis | 50 s | 300 s | Riccati | first order, position |",
-        "|---|---|---|---|---|---|", *position_rows(), "",
-        "## Table 6.2: heading deg, 1 sigma, before the fix", "",
+        "|---|---|---|---|---|---|",
+        *position_rows(),
+        "",
+        "## Table 6.2: heading deg, 1 sigma, before the fix",
+        "",
         "| sensor | thesis | 50 s | 300 s | Riccati | Allan's N and a white aid, 300 s |",
-        "|---|---|---|---|---|---|", *heading_rows(), "",
+        "|---|---|---|---|---|---|",
+        *heading_rows(),
+        "",
         f"After 3000 s the heading chains' sigmas differ from the periodic Riccati solution by "
-        f"{worst:.1e} at the most.", "",
+        f"{worst:.1e} at the most.",
+        "",
     ]
     Path(options.output).parent.mkdir(parents=True, exist_ok=True)
     Path(options.output).write_text("\n".join(page))

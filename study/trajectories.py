@@ -8,8 +8,8 @@ vector between attitudes to inertial space.  Neither uses the filter's frame, gr
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,9 +61,14 @@ def _geodetic(motion: Motion, t: Floats) -> tuple[NDArray, NDArray, NDArray]:
 
 def _ecef(latitude: NDArray, longitude: NDArray, h: NDArray) -> NDArray:
     N = A / np.sqrt(1 - E2 * np.sin(latitude) ** 2)
-    return np.stack([(N + h) * np.cos(latitude) * np.cos(longitude),
-                     (N + h) * np.cos(latitude) * np.sin(longitude),
-                     (N * (1 - E2) + h) * np.sin(latitude)], axis=-1)
+    return np.stack(
+        [
+            (N + h) * np.cos(latitude) * np.cos(longitude),
+            (N + h) * np.cos(latitude) * np.sin(longitude),
+            (N * (1 - E2) + h) * np.sin(latitude),
+        ],
+        axis=-1,
+    )
 
 
 def _inertial(motion: Motion, t: NDArray) -> NDArray:
@@ -75,8 +80,14 @@ def _inertial(motion: Motion, t: NDArray) -> NDArray:
 def _level(latitude: Floats, longitude: Floats) -> Floats:
     sl, cl, so, co = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
     zero = np.zeros_like(sl)
-    return np.stack([np.stack([-so, co, zero], -1), np.stack([-sl * co, -sl * so, cl], -1),
-                     np.stack([cl * co, cl * so, sl], -1)], axis=-2)
+    return np.stack(
+        [
+            np.stack([-so, co, zero], -1),
+            np.stack([-sl * co, -sl * so, cl], -1),
+            np.stack([cl * co, cl * so, sl], -1),
+        ],
+        axis=-2,
+    )
 
 
 def _gravity(latitude: Floats, h: Floats) -> Floats:
@@ -99,7 +110,7 @@ def _to_inertial(motion: Motion, t: Floats) -> tuple[Rotation, Floats, Floats]:
 
 def truth(motion: Motion, duration_s: float, rate_hz: float) -> Truth:
     """Sample a motion at a rate from 0 to its end."""
-    t = np.arange(int(round(duration_s * rate_hz)) + 1) / rate_hz
+    t = np.arange(round(duration_s * rate_hz) + 1) / rate_hz
     x = t.astype(np.longdouble)
     h = np.longdouble(STEP_S)
     # fourth-order second difference in extended precision: rounding 1e-12/h^2 stays below 1e-8
@@ -112,8 +123,14 @@ def truth(motion: Motion, duration_s: float, rate_hz: float) -> Truth:
     down = -T[:, 2] * _gravity(latitude, altitude)[:, None]
     centrifugal = OMEGA**2 * ecef * np.array([1.0, 1.0, 0.0])
     g_e = down - centrifugal
-    g_i = np.stack([spin[:, 0] * g_e[:, 0] - spin[:, 1] * g_e[:, 1],
-                    spin[:, 1] * g_e[:, 0] + spin[:, 0] * g_e[:, 1], g_e[:, 2]], axis=-1)
+    g_i = np.stack(
+        [
+            spin[:, 0] * g_e[:, 0] - spin[:, 1] * g_e[:, 1],
+            spin[:, 1] * g_e[:, 0] + spin[:, 0] * g_e[:, 1],
+            g_e[:, 2],
+        ],
+        axis=-1,
+    )
     force = C_ib.inv().apply(np.asarray(acceleration, float) - g_i)
     d = 1e-4
     after, before = _to_inertial(motion, t + d)[0], _to_inertial(motion, t - d)[0]
@@ -145,7 +162,8 @@ def driving(yaw: float = 0.7, rest_s: float = 10.0, speed: float = 12.0) -> Moti
 
     def along(t: NDArray) -> NDArray:
         return speed * _smooth_start(t, rest_s, 6.0) + 30 * (
-            1 - np.cos(0.11 * _smooth_start(t, rest_s, 6.0)))
+            1 - np.cos(0.11 * _smooth_start(t, rest_s, 6.0))
+        )
 
     def bend(s: NDArray) -> NDArray:
         return yaw + 0.9 * np.sin(s / 90) + 0.5 * (np.cos(s / 37) - 1)
@@ -153,7 +171,7 @@ def driving(yaw: float = 0.7, rest_s: float = 10.0, speed: float = 12.0) -> Moti
     def position(t: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         s = along(t)
         grid = np.linspace(0, float(s.max()) + 1, 20001, dtype=np.longdouble)
-        return _track(s, bend, grid) + (4 * (1 - np.cos(s / 120)),)
+        return (*_track(s, bend, grid), 4 * (1 - np.cos(s / 120)))
 
     def attitude(t: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         s = along(t)

@@ -29,8 +29,8 @@ value + slow terms + white noise.
 
 Time
 ----
-``stamp_ns`` (int64) is the header's.  An IMU sample is the value *at* its stamp; between two samples
-the filter integrates their straight line.  A fix holds at its stamp less ``gnss_delay_s``.
+``stamp_ns`` (int64) is the header's.  An IMU sample is the value *at* its stamp; between two
+samples the filter integrates their straight line.  A fix holds at its stamp less ``gnss_delay_s``.
 
 Noise
 -----

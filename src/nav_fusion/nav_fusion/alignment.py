@@ -31,10 +31,15 @@ def quaternion_of(C: Floats) -> Floats:
     d = C[..., 0, 1] + C[..., 1, 0]
     e = C[..., 0, 2] + C[..., 2, 0]
     f = C[..., 1, 2] + C[..., 2, 1]
-    rows = np.stack([
-        np.stack([squares[..., 0], a, b, c], -1), np.stack([a, squares[..., 1], d, e], -1),
-        np.stack([b, d, squares[..., 2], f], -1), np.stack([c, e, f, squares[..., 3]], -1),
-    ], axis=-2)
+    rows = np.stack(
+        [
+            np.stack([squares[..., 0], a, b, c], -1),
+            np.stack([a, squares[..., 1], d, e], -1),
+            np.stack([b, d, squares[..., 2], f], -1),
+            np.stack([c, e, f, squares[..., 3]], -1),
+        ],
+        axis=-2,
+    )
     q = np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     return np.where(q[..., :1] < 0, -q, q)
@@ -43,11 +48,14 @@ def quaternion_of(C: Floats) -> Floats:
 def matrix_of(q: Floats) -> Floats:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
     w, x, y, z = (q[..., i] for i in range(4))
-    return np.stack([
-        np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
-        np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
-        np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
-    ], axis=-2)
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
+            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
+            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+        ],
+        axis=-2,
+    )
 
 
 def rotation_of(roll: float, pitch: float, yaw: float) -> Floats:
@@ -55,11 +63,13 @@ def rotation_of(roll: float, pitch: float, yaw: float) -> Floats:
     cr, sr = math.cos(roll), math.sin(roll)
     cp, sp = math.cos(pitch), math.sin(pitch)
     cy, sy = math.cos(yaw), math.sin(yaw)
-    return np.array([
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ])
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
 
 
 def levelled(force: Floats, heading_rad: float) -> Floats:
@@ -80,7 +90,12 @@ def heading_by_field(force: Floats, field: Floats, declination_rad: float) -> fl
 
 
 def start_covariance(
-    layout: Layout, C: Floats, axes: Floats, gravity: float, tilt_rad: float, heading_rad: float,
+    layout: Layout,
+    C: Floats,
+    axes: Floats,
+    gravity: float,
+    tilt_rad: float,
+    heading_rad: float,
     speed_m_s: float,
 ) -> Floats:
     """P (n, n) at the start.
@@ -97,7 +112,9 @@ def start_covariance(
     P[6:9, 6:9] = tilt_rad**2 * (np.eye(3) - np.outer(up, up)) + heading_rad**2 * np.outer(up, up)
     cross = np.array([[0, -up[2], up[1]], [up[2], 0, -up[0]], [-up[1], up[0], 0]])
     J = cross @ C / gravity
-    for s, (target, variance) in enumerate(zip(layout.slow.target, layout.slow.variance)):
+    for s, (target, variance) in enumerate(
+        zip(layout.slow.target, layout.slow.variance, strict=True)
+    ):
         P[NAV + s, NAV + s] = variance
         if ACCEL <= target < ACCEL + 3:
             column = J[:, target - ACCEL]
@@ -107,8 +124,13 @@ def start_covariance(
 
 
 def hypotheses(
-    layout: Layout, position: Floats, force: Floats, headings: Floats, spread_rad: float,
-    tilt_rad: float, speed_m_s: float,
+    layout: Layout,
+    position: Floats,
+    force: Floats,
+    headings: Floats,
+    spread_rad: float,
+    tilt_rad: float,
+    speed_m_s: float,
 ) -> Floats:
     """Hypotheses (K, size) at an ECEF point, one for each heading (K,)."""
     latitude, longitude, _ = geodetic_from_ecef(position)
@@ -118,12 +140,13 @@ def hypotheses(
     bank = np.zeros((headings.size, layout.size))
     m = layout.slow.target.size
     n = layout.states
-    for row, heading in zip(bank, headings):
+    for row, heading in zip(bank, headings, strict=True):
         C = axes.T @ levelled(force, float(heading))
         row[R : R + 3] = position
         row[Q : Q + 4] = quaternion_of(C)
         row[ALIVE] = 1.0
         P = row[SLOW + m :].reshape(n, STRIDE)
-        P[:, :n] = start_covariance(layout, C, axes, float(np.linalg.norm(g)), tilt_rad,
-                                    spread_rad, speed_m_s)
+        P[:, :n] = start_covariance(
+            layout, C, axes, float(np.linalg.norm(g)), tilt_rad, spread_rad, speed_m_s
+        )
     return bank

@@ -21,7 +21,13 @@ from imu_noise_id.model import ChannelModel, NoiseModel
 from numpy.typing import NDArray
 
 from nav_fusion.noise import (
-    AXES, AidNoise, NavigationNoise, SlowTerm, TurnOn, from_model,
+    AXES,
+    AidNoise,
+    AxisNoise,
+    NavigationNoise,
+    SlowTerm,
+    TurnOn,
+    from_model,
 )
 
 Floats = NDArray[np.float64]
@@ -54,7 +60,7 @@ class Environment:
         Amplitude and period of the horizontal acceleration that makes the heading observable.
     """
 
-    turn_on: TurnOn = TurnOn()
+    turn_on: TurnOn = field(default_factory=TurnOn)
     temperature_change_k: float = 10.0
     vibration_m_s2: float = 0.0
     vibration_rad_s: float = 0.0
@@ -69,8 +75,10 @@ class Environment:
 
 @dataclass(frozen=True)
 class Source:
-    """One effect: its white spectra (6,) of gyro and accelerometer, its start in navigation (9,)
-    and (m,) masks of slow states, and the aid's noise that it is.
+    """One effect as it enters the covariance.
+
+    White spectra (6,) of gyro and accelerometer, start in navigation (9,), its slow states, and
+    whether it is the aid's white noise.
     """
 
     effect: str
@@ -96,8 +104,8 @@ class Share:
 class Scenario:
     """Budget over time of one model.
 
-    ``position_sigma_m`` and ``velocity_sigma_m_s`` (k,) are of one horizontal axis (root mean square
-    of east and north).
+    ``position_sigma_m`` and ``velocity_sigma_m_s`` (k,) are of one horizontal axis: the root
+    mean square of east and north.
     """
 
     name: str
@@ -130,8 +138,11 @@ class _System:
 
 
 def budget_of(
-    model: NoiseModel, environment: Environment = Environment(), duration_s: float = 300.0,
-    aid_rate_hz: float = 10.0, name: str = "",
+    model: NoiseModel,
+    environment: Environment = Environment(),
+    duration_s: float = 300.0,
+    aid_rate_hz: float = 10.0,
+    name: str = "",
 ) -> Budget:
     """Budget of a model in every scenario.
 
@@ -143,12 +154,19 @@ def budget_of(
     noise = from_model(model, environment.turn_on, aid_rate_hz)
     if noise.position_claimed:
         scale = 2.5
-        noise = replace(noise, position=_three([_scaled(a, scale) for a in noise.position]),
-                        notes=(*noise.notes, f"no position channels in the model: a receiver of "
-                               f"{scale} m is assumed for the aided scenario"))
+        noise = replace(
+            noise,
+            position=_three([_scaled(a, scale) for a in noise.position]),
+            notes=(
+                *noise.notes,
+                f"no position channels in the model: a receiver of "
+                f"{scale} m is assumed for the aided scenario",
+            ),
+        )
     system = _system(model, noise, environment)
     scenarios = tuple(
-        _run(kind, system, environment, duration_s, aid_rate_hz) for kind in SCENARIOS)
+        _run(kind, system, environment, duration_s, aid_rate_hz) for kind in SCENARIOS
+    )
     return Budget(name or model.source or "model", scenarios, noise.notes)
 
 
@@ -157,15 +175,21 @@ def _three(axes: list[AidNoise]) -> tuple[AidNoise, AidNoise, AidNoise]:
 
 
 def _scaled(aid: AidNoise, scale: float) -> AidNoise:
-    terms = tuple(SlowTerm.gauss_markov(t.initial_sigma * scale, t.correlation_time_s, t.name)
-                  for t in aid.terms)
+    terms = tuple(
+        SlowTerm.gauss_markov(t.initial_sigma * scale, t.correlation_time_s, t.name)
+        for t in aid.terms
+    )
     return AidNoise(aid.white_sigma * scale, terms)
 
 
 def _system(model: NoiseModel, noise: NavigationNoise, environment: Environment) -> _System:
     rows: list[tuple[int, SlowTerm, str]] = []
-    for base, sensor, axes in ((0, "gyro", noise.gyro), (3, "accelerometer", noise.accel),
-                               (6, "receiver", noise.position)):
+    groups_of_axes: tuple[tuple[int, str, tuple[AxisNoise | AidNoise, ...]], ...] = (
+        (0, "gyro", noise.gyro),
+        (3, "accelerometer", noise.accel),
+        (6, "receiver", noise.position),
+    )
+    for base, sensor, axes in groups_of_axes:
         rows += [(base + k, t, sensor) for k, axis in enumerate(axes) for t in axis.terms]
     others, constants = _other_sources(model, environment)
     rows += constants
@@ -185,10 +209,15 @@ def _system(model: NoiseModel, noise: NavigationNoise, environment: Environment)
     sources.append(Source("white_noise", "receiver", aid_white=True))
     return _System(
         np.array([t for t, _, _ in rows]),
-        np.array([0.0 if math.isinf(t.correlation_time_s) else 1 / t.correlation_time_s
-                  for _, t, _ in rows]),
+        np.array(
+            [
+                0.0 if math.isinf(t.correlation_time_s) else 1 / t.correlation_time_s
+                for _, t, _ in rows
+            ]
+        ),
         np.array([t.density**2 for _, t, _ in rows]),
-        np.array([t.initial_sigma**2 for _, t, _ in rows]), tuple(sources),
+        np.array([t.initial_sigma**2 for _, t, _ in rows]),
+        tuple(sources),
         np.array([a.white_sigma**2 for a in noise.position]),
     )
 
@@ -204,20 +233,34 @@ def _other_sources(
     sources: list[Source] = []
     constants: list[tuple[int, SlowTerm, str]] = []
     for base, sensor, prefix, start in (
-        (0, "gyro", "angular_velocity", 6), (3, "accelerometer", "linear_acceleration", 3)):
+        (0, "gyro", "angular_velocity", 6),
+        (3, "accelerometer", "linear_acceleration", 3),
+    ):
         rms = environment.vibration_rad_s if base == 0 else environment.vibration_m_s2
         for k, axis in enumerate(AXES):
             if rms > 0:
                 bandwidth = 0.1 * environment.vibration_hz
-                sources.append(_fast("vibration", sensor, base + k, start + k, rms,
-                                     environment.vibration_hz, bandwidth))
+                sources.append(
+                    _fast(
+                        "vibration",
+                        sensor,
+                        base + k,
+                        start + k,
+                        rms,
+                        environment.vibration_hz,
+                        bandwidth,
+                    )
+                )
             for effect, values in _effects(model.channel(f"{prefix}.{axis}")):
-                source = _one(effect, values, sensor, base + k, start + k,
-                              model.channel(f"{prefix}.{axis}"))
+                source = _one(
+                    effect, values, sensor, base + k, start + k, model.channel(f"{prefix}.{axis}")
+                )
                 if source is not None:
                     sources.append(source)
-                sigma = {"temperature": abs(values.get("coefficient", 0.0))
-                         * environment.temperature_change_k}.get(effect, 0.0)
+                sigma = {
+                    "temperature": abs(values.get("coefficient", 0.0))
+                    * environment.temperature_change_k
+                }.get(effect, 0.0)
                 if sigma > 0:
                     constants.append((base + k, SlowTerm(sigma, math.inf, 0.0, effect), sensor))
     return _merged(sources), constants
@@ -225,20 +268,41 @@ def _other_sources(
 
 def _effects(channel: ChannelModel) -> list[tuple[str, dict[str, float]]]:
     return [
-        (f.name, {p.name: float(v) for p, v in zip(f.effect.parameters, f.effect.values())
-                  if not isinstance(v, str)})
+        (
+            f.name,
+            {
+                p.name: float(v)
+                for p, v in zip(f.effect.parameters, f.effect.values(), strict=True)
+                if not isinstance(v, str)
+            },
+        )
         for f in channel.effects
     ]
 
 
-def _one(effect: str, values: dict[str, float], sensor: str, axis: int, start: int,
-         channel: ChannelModel) -> Source | None:
+def _one(
+    effect: str, values: dict[str, float], sensor: str, axis: int, start: int, channel: ChannelModel
+) -> Source | None:
     if effect == "periodic":
-        return _fast(effect, sensor, axis, start, values["amplitude"] / math.sqrt(2),
-                     values["frequency_hz"], 0.0)
+        return _fast(
+            effect,
+            sensor,
+            axis,
+            start,
+            values["amplitude"] / math.sqrt(2),
+            values["frequency_hz"],
+            0.0,
+        )
     if effect == "narrow_band":
-        return _fast(effect, sensor, axis, start, values["sigma"], values["frequency_hz"],
-                     values["bandwidth_hz"])
+        return _fast(
+            effect,
+            sensor,
+            axis,
+            start,
+            values["sigma"],
+            values["frequency_hz"],
+            values["bandwidth_hz"],
+        )
     psd, first = np.zeros(6), np.zeros(NAV)
     if effect == "quantization":
         first[start] = values["coefficient"] ** 2
@@ -249,8 +313,15 @@ def _one(effect: str, values: dict[str, float], sensor: str, axis: int, start: i
     return Source(effect, sensor, psd, first)
 
 
-def _fast(effect: str, sensor: str, axis: int, start: int, sigma: float, frequency_hz: float,
-          bandwidth_hz: float) -> Source:
+def _fast(
+    effect: str,
+    sensor: str,
+    axis: int,
+    start: int,
+    sigma: float,
+    frequency_hz: float,
+    bandwidth_hz: float,
+) -> Source:
     """Narrow-band noise: (s/w)^2 in the integral, and the Lorentzian's tail at 0 Hz as white."""
     psd, first = np.zeros(6), np.zeros(NAV)
     psd[axis] = sigma**2 * bandwidth_hz / (2 * math.pi * frequency_hz**2)
@@ -263,8 +334,9 @@ def _merged(sources: Sequence[Source]) -> list[Source]:
     for s in sources:
         key = (s.effect, s.sensor)
         old = merged.get(key)
-        merged[key] = s if old is None else replace(
-            old, psd=old.psd + s.psd, start=old.start + s.start)
+        merged[key] = (
+            s if old is None else replace(old, psd=old.psd + s.psd, start=old.start + s.start)
+        )
     return list(merged.values())
 
 
@@ -300,14 +372,18 @@ def _start_and_noise(system: _System, dt: float) -> tuple[Floats, Floats]:
             P[e, NAV + s, NAV + s] = system.variance[s]
             x = system.rate[s] * dt
             # half before and half after a step keep the stationary variance exactly
-            half = (system.density2[s] / (2 * system.rate[s]) * math.tanh(x) if x > 0
-                    else 0.5 * system.density2[s] * dt)
+            half = (
+                system.density2[s] / (2 * system.rate[s]) * math.tanh(x)
+                if x > 0
+                else 0.5 * system.density2[s] * dt
+            )
             Q[e, NAV + s, NAV + s] = 2 * half
     return P, Q
 
 
-def _run(name: str, system: _System, environment: Environment, duration_s: float,
-         aid_rate_hz: float) -> Scenario:
+def _run(
+    name: str, system: _System, environment: Environment, duration_s: float, aid_rate_hz: float
+) -> Scenario:
     dt = 1.0 / aid_rate_hz
     steps = round(duration_s * aid_rate_hz)
     P, Q = _start_and_noise(system, dt)
@@ -336,26 +412,30 @@ def _run(name: str, system: _System, environment: Environment, duration_s: float
             keep = np.eye(n) - K @ H
             P = keep @ P @ keep.T + aid[:, None, None] * (K @ R @ K.T)
         course[k + 1] = _figures(P)
-    return _scenario(name, dt * np.arange(steps + 1), course, system.sources)
+    return _scenario(name, dt * np.arange(steps + 1, dtype=np.float64), course, system.sources)
 
 
 def _figures(P: Floats) -> Floats:
     """Variances (E, 3) of position and velocity (one horizontal axis) and heading."""
-    return np.stack([0.5 * (P[:, 0, 0] + P[:, 1, 1]), 0.5 * (P[:, 3, 3] + P[:, 4, 4]), P[:, 8, 8]],
-                    axis=-1)
+    return np.stack(
+        [0.5 * (P[:, 0, 0] + P[:, 1, 1]), 0.5 * (P[:, 3, 3] + P[:, 4, 4]), P[:, 8, 8]], axis=-1
+    )
 
 
 def _scenario(name: str, time_s: Floats, course: Floats, sources: Sequence[Source]) -> Scenario:
-    keep = np.unique(np.concatenate((
-        [0], np.rint(np.geomspace(1, time_s.size - 1, 120)).astype(int))))
+    keep = np.unique(
+        np.concatenate(([0], np.rint(np.geomspace(1, time_s.size - 1, 120)).astype(int)))
+    )
     course = course[keep]
     total = course.sum(axis=1)
     share = course / np.maximum(total, 1e-300)[:, None, :]
     shares = tuple(
-        Share(s.effect, s.sensor, *share[:, e].T) for e, s in enumerate(sources)
+        Share(s.effect, s.sensor, *share[:, e].T)
+        for e, s in enumerate(sources)
         if share[:, e].max() > 0
     )
-    return Scenario(name, time_s[keep], *np.sqrt(total).T, shares)
+    position, velocity, heading = np.sqrt(total).T
+    return Scenario(name, time_s[keep], position, velocity, heading, shares)
 
 
 def budget_tree(budgets: Sequence[Budget]) -> dict[str, Any]:
@@ -368,13 +448,19 @@ def budget_tree(budgets: Sequence[Budget]) -> dict[str, Any]:
                 "notes": list(b.notes),
                 "scenarios": [
                     {
-                        "name": s.name, "time_s": s.time_s,
+                        "name": s.name,
+                        "time_s": s.time_s,
                         "position_sigma_m": s.position_sigma_m,
                         "velocity_sigma_m_s": s.velocity_sigma_m_s,
                         "heading_sigma_rad": s.heading_sigma_rad,
                         "shares": [
-                            {"effect": x.effect, "sensor": x.sensor, "position": x.position,
-                             "velocity": x.velocity, "heading": x.heading}
+                            {
+                                "effect": x.effect,
+                                "sensor": x.sensor,
+                                "position": x.position,
+                                "velocity": x.velocity,
+                                "heading": x.heading,
+                            }
                             for x in s.shares
                         ],
                     }

@@ -24,9 +24,13 @@ def page_of(budgets: Sequence[Budget]) -> Page:
     """Return the report of one or several models."""
     sections = [_compared(budgets, k) for k in range(len(budgets[0].scenarios))]
     sections += [_causes(b, s) for b in budgets for s in b.scenarios]
-    return Page("Error budget", _verdict(budgets), tuple(sections),
-                tuple(("model", b.model) for b in budgets),
-                tuple(dict.fromkeys(n for b in budgets for n in b.notes)))
+    return Page(
+        "Error budget",
+        _verdict(budgets),
+        tuple(sections),
+        tuple(("model", b.model) for b in budgets),
+        tuple(dict.fromkeys(n for b in budgets for n in b.notes)),
+    )
 
 
 def _verdict(budgets: Sequence[Budget]) -> str:
@@ -35,8 +39,10 @@ def _verdict(budgets: Sequence[Budget]) -> str:
         free = b.scenarios[0]
         k = _at(free, 60.0)
         top = max(free.shares, key=lambda s: s.position[k])
-        said.append(f"{b.model}: {free.position_sigma_m[k]:.3g} m after {free.time_s[k]:.0f} s without "
-                    f"fixes, {100 * top.position[k]:.0f} % of the variance by {_label(top)}.")
+        said.append(
+            f"{b.model}: {free.position_sigma_m[k]:.3g} m after {free.time_s[k]:.0f} s without "
+            f"fixes, {100 * top.position[k]:.0f} % of the variance by {_label(top)}."
+        )
     return "  ".join(said)
 
 
@@ -52,21 +58,38 @@ def _compared(budgets: Sequence[Budget], k: int) -> Section:
     figures, rows = [], []
     for title, name, unit, scale in _QUANTITIES:
         layers = tuple(
-            Layer("line", {"x": s.time_s[1:], "y": scale * getattr(s, name)[1:]}, b.model,
-                  PALETTE[i % len(PALETTE)])
-            for i, (b, s) in enumerate((b, b.scenarios[k]) for b in budgets))
-        figures.append(Figure(
-            f"{title}, {budgets[0].scenarios[k].name}", "One standard deviation over time.",
-            Plot(Axis("time, s", True), Axis(f"{title} sigma, {unit}", True), layers)))
+            Layer(
+                "line",
+                {"x": s.time_s[1:], "y": scale * getattr(s, name)[1:]},
+                b.model,
+                PALETTE[i % len(PALETTE)],
+            )
+            for i, (b, s) in enumerate((b, b.scenarios[k]) for b in budgets)
+        )
+        figures.append(
+            Figure(
+                f"{title}, {budgets[0].scenarios[k].name}",
+                "One standard deviation over time.",
+                Plot(Axis("time, s", True), Axis(f"{title} sigma, {unit}", True), layers),
+            )
+        )
     for b in budgets:
         s = b.scenarios[k]
         for time_s in (t for t in _TIMES_S if t <= s.time_s[-1] * 1.001):
             i = _at(s, time_s)
-            rows.append((b.model, f"{s.time_s[i]:.3g}", *(
-                f"{scale * getattr(s, name)[i]:.3g}" for _, name, _, scale in _QUANTITIES)))
-    table = Table("Sensors side by side", (
-        "model", "time, s", "position, m", "velocity, m/s", "heading, deg"), tuple(rows),
-        (1, 2, 3, 4))
+            rows.append(
+                (
+                    b.model,
+                    f"{s.time_s[i]:.3g}",
+                    *(f"{scale * getattr(s, name)[i]:.3g}" for _, name, _, scale in _QUANTITIES),
+                )
+            )
+    table = Table(
+        "Sensors side by side",
+        ("model", "time, s", "position, m", "velocity, m/s", "heading, deg"),
+        tuple(rows),
+        (1, 2, 3, 4),
+    )
     return Section(f"Scenario: {budgets[0].scenarios[k].name}", (), tuple(figures), (table,))
 
 
@@ -75,17 +98,30 @@ def _causes(budget: Budget, scenario: Scenario) -> Section:
     shares = sorted(scenario.shares, key=lambda s: -s.position[i])
     rows = tuple(
         (s.effect, s.sensor, *(f"{100 * x[i]:.1f}" for x in (s.position, s.velocity, s.heading)))
-        for s in shares)
+        for s in shares
+    )
     layers = tuple(
-        Layer("line", {"x": scenario.time_s[1:], "y": 100 * s.position[1:]}, _label(s),
-              PALETTE[k % len(PALETTE)])
-        for k, s in enumerate(shares[:8]))
+        Layer(
+            "line",
+            {"x": scenario.time_s[1:], "y": 100 * s.position[1:]},
+            _label(s),
+            PALETTE[k % len(PALETTE)],
+        )
+        for k, s in enumerate(shares[:8])
+    )
     plot = Plot(Axis("time, s", True), Axis("share of the position's variance, %"), layers)
-    table = Table(f"Shares of the variance after {scenario.time_s[i]:.0f} s, %", (
-        "effect", "sensor", "position", "velocity", "heading"), rows, (2, 3, 4))
+    table = Table(
+        f"Shares of the variance after {scenario.time_s[i]:.0f} s, %",
+        ("effect", "sensor", "position", "velocity", "heading"),
+        rows,
+        (2, 3, 4),
+    )
     return Section(
         f"Causes: {budget.model}, {scenario.name}",
-        ("Why Allan values get inflated: what a static record shows is only its white noise and "
-         "slow terms.  Turn-on bias, temperature, vibration and the start stand beside them here.",),
+        (
+            "Why Allan values get inflated: what a static record shows is only its white noise and "
+            "slow terms.  Turn-on bias, temperature, vibration and the start stand beside them.",
+        ),
         (Figure("What causes the position error", "Shares of the variance over time.", plot),),
-        (table,))
+        (table,),
+    )

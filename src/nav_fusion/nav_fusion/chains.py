@@ -41,13 +41,16 @@ class SampledModel:
         """(n1, n0, p) of (n1 s + n0)/(s + p) by Tustin's rule (thesis (70)-(79))."""
         k = 2.0 / self.sample_time_s
         below = self.b0 - self.b1
-        return ((self.a0 - self.a1) / below, k * (self.a0 + self.a1) / below,
-                k * (self.b0 + self.b1) / below)
+        return (
+            (self.a0 - self.a1) / below,
+            k * (self.a0 + self.a1) / below,
+            k * (self.b0 + self.b1) / below,
+        )
 
 
 @dataclass(frozen=True)
 class ContinuousModel:
-    """H(s) = n1 + c/(s + p) on white noise of spectrum ``sample_time_s`` (unit variance a sample)."""
+    """H(s) = n1 + c/(s + p) on white noise of spectrum ``sample_time_s``."""
 
     n1: float
     n0: float
@@ -61,8 +64,11 @@ class ContinuousModel:
 
 
 def position_chain(
-    sensor: ContinuousModel, aid: SampledModel, discretisation: Discretisation = exact,
-    fast_rate_hz: float = 1000.0, initial_error_m: float = 5.0,
+    sensor: ContinuousModel,
+    aid: SampledModel,
+    discretisation: Discretisation = exact,
+    fast_rate_hz: float = 1000.0,
+    initial_error_m: float = 5.0,
     scale: float = STANDARD_GRAVITY_M_S2,
 ) -> Chain:
     """x = [position, velocity, x1, x2]: an accelerometer (in g) with a position aid in metres."""
@@ -72,13 +78,24 @@ def position_chain(
     A[2, 2] = -sensor.p
     B = np.array([0.0, scale * sensor.n1, 1.0, 0.0])
     P0 = np.diag([initial_error_m**2, 0.0, _stationary(sensor), 0.0])
-    return _chain(A, B, sensor, aid, discretisation, fast_rate_hz, P0,
-                  ("position", "velocity", "sensor", "aid"))
+    return _chain(
+        A,
+        B,
+        sensor,
+        aid,
+        discretisation,
+        fast_rate_hz,
+        P0,
+        ("position", "velocity", "sensor", "aid"),
+    )
 
 
 def heading_chain(
-    sensor: ContinuousModel, aid: SampledModel, discretisation: Discretisation = exact,
-    fast_rate_hz: float = 1000.0, initial_error: float = math.radians(5.0),
+    sensor: ContinuousModel,
+    aid: SampledModel,
+    discretisation: Discretisation = exact,
+    fast_rate_hz: float = 1000.0,
+    initial_error: float = math.radians(5.0),
     scale: float = math.radians(1.0),
 ) -> Chain:
     """x = [heading, x1, x2]: a gyro (in deg/s, ``scale`` to rad/s) with a heading aid in rad."""
@@ -87,8 +104,7 @@ def heading_chain(
     A[1, 1] = -sensor.p
     B = np.array([scale * sensor.n1, 1.0, 0.0])
     P0 = np.diag([initial_error**2, _stationary(sensor), 0.0])
-    return _chain(A, B, sensor, aid, discretisation, fast_rate_hz, P0,
-                  ("heading", "sensor", "aid"))
+    return _chain(A, B, sensor, aid, discretisation, fast_rate_hz, P0, ("heading", "sensor", "aid"))
 
 
 def _stationary(sensor: ContinuousModel) -> float:
@@ -96,8 +112,14 @@ def _stationary(sensor: ContinuousModel) -> float:
 
 
 def _chain(
-    A: Floats, B: Floats, sensor: ContinuousModel, aid: SampledModel,
-    discretisation: Discretisation, fast_rate_hz: float, P0: Floats, names: tuple[str, ...],
+    A: Floats,
+    B: Floats,
+    sensor: ContinuousModel,
+    aid: SampledModel,
+    discretisation: Discretisation,
+    fast_rate_hz: float,
+    P0: Floats,
+    names: tuple[str, ...],
 ) -> Chain:
     """Join an inertial model with an aid at its own rate.
 
@@ -110,16 +132,21 @@ def _chain(
     phi, d = aid.pole, aid.a0 / aid.b0
     H = np.zeros((1, n))
     H[0, 0], H[0, -1] = 1.0, aid.a1 / aid.b0 + d * phi
-    slow_F, slow_Q, M = np.eye(n), np.zeros((n, n)), np.zeros((n, 1))
-    slow_F[-1, -1], slow_Q[-1, -1], M[-1, 0] = phi, 1.0, d
+    aid_F, aid_Q, M = np.eye(n), np.zeros((n, n)), np.zeros((n, 1))
+    aid_F[-1, -1], aid_Q[-1, -1], M[-1, 0] = phi, 1.0, d
     P0[-1, -1] = 1.0 / (1.0 - phi * phi)
     ratio = round(aid.sample_time_s * fast_rate_hz)
-    return Chain(step, ratio, H, np.array([[d * d]]), slow_F, slow_Q, M, P0, names)
+    return Chain(step, ratio, H, np.array([[d * d]]), aid_F, aid_Q, M, P0, names)
 
 
 def identified_chain(
-    axis: AxisNoise, aid: AidNoise, integrations: int, initial_error: float,
-    rate_hz: float = 1000.0, aid_rate_hz: float = 10.0, discretisation: Discretisation = exact,
+    axis: AxisNoise,
+    aid: AidNoise,
+    integrations: int,
+    initial_error: float,
+    rate_hz: float = 1000.0,
+    aid_rate_hz: float = 10.0,
+    discretisation: Discretisation = exact,
 ) -> Chain:
     """Chain of identified noises: ``integrations`` 2 for position by acceleration, 1 for heading.
 
@@ -145,10 +172,18 @@ def identified_chain(
         else:
             H[0, k] = 1.0
     step = discretisation(A, spectrum, 1.0 / rate_hz)
-    names = (("position", "velocity") if integrations == 2 else ("heading",))
-    return Chain(step, round(rate_hz / aid_rate_hz), H, np.array([[aid.white_sigma**2]]),
-                 np.eye(n), np.zeros((n, n)), np.zeros((n, 1)), P0,
-                 names + tuple(t.name for t in terms))
+    names = ("position", "velocity") if integrations == 2 else ("heading",)
+    return Chain(
+        step,
+        round(rate_hz / aid_rate_hz),
+        H,
+        np.array([[aid.white_sigma**2]]),
+        np.eye(n),
+        np.zeros((n, n)),
+        np.zeros((n, 1)),
+        P0,
+        names + tuple(t.name for t in terms),
+    )
 
 
 def _decay(term: SlowTerm) -> float:

@@ -81,29 +81,46 @@ def status_of(engine: Engine) -> Status:
     alive = 0 if running is None else int((running.bank[:, ALIVE] > 0).sum())
     known = s[observe.ALIGNED_S] if s[observe.ALIGNED_S] > 0 else None
     bias = tuple(map(float, row[core.OUT_BIAS : core.OUT_BIAS + 6]))
-    sigma = tuple(math.sqrt(max(v, 0.0)) for v in
-                  row[core.OUT_BIAS_VARIANCE : core.OUT_BIAS_VARIANCE + 6])
+    sigma = tuple(
+        math.sqrt(max(v, 0.0)) for v in row[core.OUT_BIAS_VARIANCE : core.OUT_BIAS_VARIANCE + 6]
+    )
     return Status(
-        aligned=alive == 1, hypotheses=alive,
+        aligned=alive == 1,
+        hypotheses=alive,
         heading_known_s=None if known is None else float(known),
-        used=total[observe.USED], gated=total[observe.GATED], late=counts.late,
+        used=total[observe.USED],
+        gated=total[observe.GATED],
+        late=counts.late,
         rejected=counts.rejected + total[observe.REPEATED],
-        velocity_used=total[observe.VELOCITY_USED], velocity_gated=total[observe.VELOCITY_GATED],
-        heading_used=total[observe.HEADING_USED], heading_gated=total[observe.HEADING_GATED],
-        still_updates=total[observe.STILL_UPDATES], recovered=total[observe.RECOVERED],
-        imu_samples=counts.imu_samples, imu_duplicates=counts.imu_duplicates,
-        imu_out_of_order=counts.imu_out_of_order, imu_non_finite=counts.imu_non_finite,
+        velocity_used=total[observe.VELOCITY_USED],
+        velocity_gated=total[observe.VELOCITY_GATED],
+        heading_used=total[observe.HEADING_USED],
+        heading_gated=total[observe.HEADING_GATED],
+        still_updates=total[observe.STILL_UPDATES],
+        recovered=total[observe.RECOVERED],
+        imu_samples=counts.imu_samples,
+        imu_duplicates=counts.imu_duplicates,
+        imu_out_of_order=counts.imu_out_of_order,
+        imu_non_finite=counts.imu_non_finite,
         gaps=0 if running is None else int(running.shared[core.GAPS]),
         gap_s=0.0 if running is None else float(running.shared[core.GAP_S]),
         nis_last=float(s[observe.LAST_NIS]) if fixes else None,
         nis_mean=float(s[observe.NIS_SUM]) / fixes if fixes else None,
         nis_recent=float(s[observe.RECENT_NIS]) if fixes else None,
-        nis_dof=dof, nis_lower=band[0], nis_upper=band[1], whiteness=whiteness,
-        whiteness_limit=limit, white=None if whiteness is None else whiteness < limit,
+        nis_dof=dof,
+        nis_lower=band[0],
+        nis_upper=band[1],
+        whiteness=whiteness,
+        whiteness_limit=limit,
+        white=None if whiteness is None else whiteness < limit,
         gate=float(stats.chi2.ppf(engine.parameters.gate_confidence, 3)),
-        still=bool(row[core.OUT_STILL]), gyro_bias=bias[:3], accel_bias=bias[3:],
-        gyro_bias_sigma=sigma[:3], accel_bias_sigma=sigma[3:],
-        notes=_all_notes(engine, total, s), fault=engine.fault,
+        still=bool(row[core.OUT_STILL]),
+        gyro_bias=bias[:3],
+        accel_bias=bias[3:],
+        gyro_bias_sigma=sigma[:3],
+        accel_bias_sigma=sigma[3:],
+        notes=_all_notes(engine, total, s),
+        fault=engine.fault,
     )
 
 
@@ -111,20 +128,30 @@ def _all_notes(engine: Engine, total: dict[int, int], s: Floats) -> tuple[str, .
     """Return the engine's notes and what the counters say."""
     notes = list(engine.notes)
     if total[observe.REPEATED]:
-        notes.append(f"{total[observe.REPEATED]} fixes repeat the one before to the last bit "
-                     "(frozen receiver): left out")
+        notes.append(
+            f"{total[observe.REPEATED]} fixes repeat the one before to the last bit "
+            "(frozen receiver): left out"
+        )
     if total[observe.RECOVERED]:
-        notes.append(f"{total[observe.RECOVERED]} times the filter was started anew from fixes that "
-                     "it had gated without a break")
+        notes.append(
+            f"{total[observe.RECOVERED]} times the filter was started anew from fixes that "
+            "it had gated without a break"
+        )
     running = engine._core
     if running is not None:
         if running.shared[core.GAPS] > 0:
-            notes.append(f"IMU silent {int(running.shared[core.GAPS])} times, "
-                         f"{running.shared[core.GAP_S]:.2f} s in all: propagated with unknown motion")
+            notes.append(
+                f"IMU silent {int(running.shared[core.GAPS])} times, "
+                f"{running.shared[core.GAP_S]:.2f} s in all: propagated with unknown motion"
+            )
         if running.shared[core.FAST_BLOCKS] >= 4:
-            notes.append("angular_velocity stays above 8 rad/s for a second or more: degrees per "
-                         "second, perhaps; it must be rad/s")
+            notes.append(
+                "angular_velocity stays above 8 rad/s for a second or more: degrees per "
+                "second, perhaps; it must be rad/s"
+            )
         if (running.bank[:, ALIVE] > 0).sum() > 1:
-            notes.append("heading not observable: no magnetometer, and the platform has not moved "
-                         "enough for the fixes to show it")
+            notes.append(
+                "heading not observable: no magnetometer, and the platform has not moved "
+                "enough for the fixes to show it"
+            )
     return tuple(notes)

@@ -81,7 +81,7 @@ CURSOR = 16
 OUT_P, OUT_RATE, OUT_BIAS, OUT_BIAS_VARIANCE = 10, 91, 94, 100
 OUT_HYPOTHESES, OUT_STILL, OUT_SIZE = 106, 107, 108
 
-# cursor, times (ns)
+# the cursor's times, all of them ns, in the order of new_core's argument
 START, CHECKPOINT_PERIOD, PUBLISH_PERIOD, GAP, WINDOW, FURTHEST = 8, 9, 10, 11, 12, 13
 
 # constants
@@ -131,11 +131,18 @@ def new_core(
     cursor[START : START + 6] = times
     slow = layout.slow
     return Core(
-        hypotheses.copy(), np.zeros(SHARED), cursor, np.zeros(IMU_RING, dtype=np.int64),
-        np.zeros((IMU_RING, 6)), np.zeros(MEASUREMENT_RING, dtype=np.int64),
-        np.zeros(MEASUREMENT_RING, dtype=np.int64), np.zeros((MEASUREMENT_RING, Z_SIZE)),
-        np.zeros((CHECKPOINTS, count, size)), np.zeros((CHECKPOINTS, SHARED)),
-        np.zeros(CHECKPOINTS, dtype=np.int64), slow.target,
+        hypotheses.copy(),
+        np.zeros(SHARED),
+        cursor,
+        np.zeros(IMU_RING, dtype=np.int64),
+        np.zeros((IMU_RING, 6)),
+        np.zeros(MEASUREMENT_RING, dtype=np.int64),
+        np.zeros(MEASUREMENT_RING, dtype=np.int64),
+        np.zeros((MEASUREMENT_RING, Z_SIZE)),
+        np.zeros((CHECKPOINTS, count, size)),
+        np.zeros((CHECKPOINTS, SHARED)),
+        np.zeros(CHECKPOINTS, dtype=np.int64),
+        slow.target,
         np.stack([slow.rate, slow.psd, slow.variance]),
         np.concatenate([layout.gyro_psd, layout.accel_psd, gap, quiet, *sensing]),
         np.zeros(VECTORS + SCRATCH_SIZE + UPDATE_SIZE),
@@ -227,7 +234,9 @@ def propagate(core: Core, sample: int, from_ns: int, to_ns: int) -> None:
                 s[TURN_SUM + 3 * i + j] += dt * C[i, j]
         if gap:
             s[GAP_VARIANCE] += dt * disturbance_psd(1e-9 * whole, k[UNKNOWN], k[UNKNOWN + 1])
-            s[GAP_VARIANCE + 1] += dt * disturbance_psd(1e-9 * whole, k[UNKNOWN + 2], k[UNKNOWN + 3])
+            s[GAP_VARIANCE + 1] += dt * disturbance_psd(
+                1e-9 * whole, k[UNKNOWN + 2], k[UNKNOWN + 3]
+            )
         if s[ELAPSED] + 0.5 * dt >= COVARIANCE_STEP_S:
             settle(core, s)
 
@@ -256,9 +265,7 @@ def settle(core: Core, s: Floats) -> None:
         slow_step(slow, dt, work.decay, work.mean, work.half_noise)
         core.work[LAST_DT] = dt
     normal_gravity(s[R : R + 3], u[7])
-    propagate_covariance(
-        s[SLOW + m :], C, u[6], s[R : R + 3], u[7], dt, slow, u[12], u[13], work
-    )
+    propagate_covariance(s[SLOW + m :], C, u[6], s[R : R + 3], u[7], dt, slow, u[12], u[13], work)
     for k in range(m):
         s[SLOW + k] *= work.decay[k]
     s[ELAPSED : GAP_VARIANCE + 2] = 0.0

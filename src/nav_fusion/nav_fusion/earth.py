@@ -47,7 +47,7 @@ def normal_gravity(r: Floats, g: Floats) -> None:
 
 
 def somigliana_gravity(latitude_rad: float, altitude_m: float) -> float:
-    """Magnitude of normal gravity near the ellipsoid, m/s^2 (Somigliana, second order in height)."""
+    """Magnitude of normal gravity near the ellipsoid, m/s^2: Somigliana, second order in height."""
     s2 = math.sin(latitude_rad) ** 2
     a, b, f = EQUATORIAL_RADIUS_M, POLAR_RADIUS_M, FLATTENING
     k = b * POLAR_GRAVITY_M_S2 / (a * EQUATORIAL_GRAVITY_M_S2) - 1.0

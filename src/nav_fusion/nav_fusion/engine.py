@@ -37,7 +37,7 @@ from nav_fusion import core, observe
 from nav_fusion.alignment import rotation_of
 from nav_fusion.earth import ecef_from_geodetic, geodetic_from_ecef
 from nav_fusion.noise import AidNoise, NavigationNoise
-from nav_fusion.parameters import Parameters
+from nav_fusion.parameters import DEFAULTS, Parameters
 from nav_fusion.starting import AHEAD_S, Measurement, Start, Waiting, quiet_limits
 from nav_fusion.state import SLOW, Layout, layout_of
 
@@ -155,7 +155,7 @@ class Status:
 class Engine:
     """Filter of one platform; see the module's page for the rules."""
 
-    def __init__(self, noise: NavigationNoise, parameters: Parameters = Parameters()) -> None:
+    def __init__(self, noise: NavigationNoise, parameters: Parameters = DEFAULTS) -> None:
         self.noise = noise
         self.parameters = parameters
         self.layout: Layout = layout_of(noise, parameters.use_velocity, parameters.use_magnetometer)
@@ -181,16 +181,22 @@ class Engine:
         start = 0
         while start < stamp_ns.size:
             stop = self._before_jump(stamp_ns, start)
-            parts.append(self._add_ordered(stamp_ns[start:stop], rate[start:stop],
-                                           force[start:stop]))
+            parts.append(
+                self._add_ordered(stamp_ns[start:stop], rate[start:stop], force[start:stop])
+            )
             if stop < stamp_ns.size:
                 self._jump(int(stamp_ns[stop]))
             start = stop
         return joined(parts)
 
     def add_fix(
-        self, stamp_ns: int, latitude_deg: float, longitude_deg: float, altitude_m: float,
-        covariance: Floats | None = None, status: int = 0,
+        self,
+        stamp_ns: int,
+        latitude_deg: float,
+        longitude_deg: float,
+        altitude_m: float,
+        covariance: Floats | None = None,
+        status: int = 0,
     ) -> None:
         """Feed a fix of the antenna (WGS-84); covariance (3, 3) east-north-up m^2, None if unknown.
 
@@ -204,15 +210,18 @@ class Engine:
             self._reject("fix that is not a place on Earth (NaN or out of range)")
             return
         z = np.zeros(core.Z_SIZE)
-        z[0:3] = ecef_from_geodetic(math.radians(latitude_deg), math.radians(longitude_deg),
-                                    altitude_m)
+        z[0:3] = ecef_from_geodetic(
+            math.radians(latitude_deg), math.radians(longitude_deg), altitude_m
+        )
         z[3:6] = where
         claim = self._usable_claim(covariance)
         self._set_noise(z, self.noise.position, claim, self.noise.position_claimed)
         self._add(Measurement(self._true_time(stamp_ns), core.FIX, z))
 
     def add_velocity(
-        self, stamp_ns: int, velocity: Floats | tuple[float, float, float],
+        self,
+        stamp_ns: int,
+        velocity: Floats | tuple[float, float, float],
         covariance: Floats | None = None,
     ) -> None:
         """Feed a velocity of the antenna, east-north-up m/s; covariance (3, 3) or None."""
@@ -240,8 +249,10 @@ class Engine:
         calibrated = self._mounting @ (np.array(p.soft_iron) @ (raw - np.array(p.hard_iron_t)))
         strength = float(np.linalg.norm(calibrated))
         if not FIELD_RANGE_T[0] <= strength <= FIELD_RANGE_T[1]:
-            self._note("magnetic fields outside 15 to 80 uT were left out: not the Earth's; "
-                       "calibrate hard_iron_t and soft_iron")
+            self._note(
+                "magnetic fields outside 15 to 80 uT were left out: not the Earth's; "
+                "calibrate hard_iron_t and soft_iron"
+            )
             return
         z = np.zeros(core.Z_SIZE)
         z[0:3] = calibrated
@@ -354,8 +365,14 @@ class Engine:
             self._out_ns = np.zeros(stamp_ns.size, dtype=np.int64)
             self._out = np.zeros((stamp_ns.size, core.OUT_SIZE))
         before = int(self._core.cursor[core.AHEAD])
-        count = core.feed(self._core, stamp_ns, np.ascontiguousarray(rate),
-                            np.ascontiguousarray(force), self._out_ns, self._out)
+        count = core.feed(
+            self._core,
+            stamp_ns,
+            np.ascontiguousarray(rate),
+            np.ascontiguousarray(force),
+            self._out_ns,
+            self._out,
+        )
         ahead = int(self._core.cursor[core.AHEAD]) - before
         if ahead:
             self._reject(f"fixes more than {AHEAD_S:g} s ahead of the IMU's clock", ahead)
@@ -377,8 +394,11 @@ class Engine:
         elif outcome == core.TOO_LATE:
             self._reject(f"fixes more than {self.parameters.lateness_s:g} s late")
         elif outcome != core.ACCEPTED:
-            self._reject("fixes whose stamp repeats" if outcome == core.DUPLICATE
-                         else "fixes while no IMU sample came")
+            self._reject(
+                "fixes whose stamp repeats"
+                if outcome == core.DUPLICATE
+                else "fixes while no IMU sample came"
+            )
 
     def _compare_clocks(self, time_ns: int) -> None:
         assert self._last_ns is not None
@@ -387,9 +407,11 @@ class Engine:
             self._note_clocks(apart)
 
     def _note_clocks(self, apart: float) -> None:
-        self._note(f"stamps of the fixes are {abs(apart):.0f} s "
-                   f"{'ahead of' if apart > 0 else 'behind'} those of the IMU: their clocks differ; "
-                   "set gnss_delay_s or mend the driver")
+        self._note(
+            f"stamps of the fixes are {abs(apart):.0f} s "
+            f"{'ahead of' if apart > 0 else 'behind'} those of the IMU: their clocks differ; "
+            "set gnss_delay_s or mend the driver"
+        )
 
     def _wait(self, stamp_ns: Stamps, rate: Floats, force: Floats) -> Rows:
         """Before the start: keep the samples, and start when the first fix is certain."""
@@ -416,8 +438,9 @@ class Engine:
         gap_s = 2.5 * start.period_s
         spans = (window_s / 40, 1 / p.publish_rate_hz, gap_s, window_s, AHEAD_S)
         times = np.array([start.stamp_ns[0], *(round(t * 1e9) for t in spans)], dtype=np.int64)
-        gap = np.array([p.gap_accel_m_s2, p.gap_correlation_s, p.gap_rate_rad_s,
-                        p.gap_correlation_s])
+        gap = np.array(
+            [p.gap_accel_m_s2, p.gap_correlation_s, p.gap_rate_rad_s, p.gap_correlation_s]
+        )
         quiet = quiet_limits(self.layout, p, 1.0 / start.period_s)
         return core.new_core(self.layout, start.bank, times, gap, quiet, packed_sensing(p))
 
@@ -465,7 +488,8 @@ def packed_sensing(parameters: Parameters) -> observe.Sensing:
     """Parameters as the compiled corrections want them."""
     gate = np.array([0.0, *(stats.chi2.ppf(parameters.gate_confidence, k) for k in (1, 2, 3))])
     return observe.Sensing(
-        np.array(parameters.lever_arm_m, dtype=float), gate,
+        np.array(parameters.lever_arm_m, dtype=float),
+        gate,
         np.array([parameters.recovery_fixes, parameters.recovery_s], dtype=float),
         np.array([parameters.declination_rad]),
         np.array([0.02, 1e-5, 0.3, float(parameters.zero_velocity_updates)]),
@@ -474,8 +498,11 @@ def packed_sensing(parameters: Parameters) -> observe.Sensing:
 
 def _is_covariance(covariance: Floats) -> bool:
     matrix = np.asarray(covariance, dtype=float)
-    return bool(np.isfinite(matrix).all() and (np.diag(matrix) > 0).all()
-                and np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[0] > 0)
+    return bool(
+        np.isfinite(matrix).all()
+        and (np.diag(matrix) > 0).all()
+        and np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[0] > 0
+    )
 
 
 def _no_rows() -> Rows:
@@ -489,5 +516,6 @@ def joined(parts: list[Rows]) -> Rows:
         return filled[0]
     if not filled:
         return _no_rows()
-    return Rows(np.concatenate([p.stamp_ns for p in filled]),
-                np.concatenate([p.values for p in filled]))
+    return Rows(
+        np.concatenate([p.stamp_ns for p in filled]), np.concatenate([p.values for p in filled])
+    )

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from imu_noise_id import cdr
 from imu_noise_id.assemble import to_recording
 from imu_noise_id.bag_writer import TopicBytes, write_bag
 from imu_noise_id.bags import read_topics
@@ -23,11 +22,12 @@ from imu_noise_id.results_file import write_json
 from imu_noise_id.topics import TopicNames
 from numpy.typing import NDArray
 
+from imu_noise_id import cdr
 from nav_fusion import core
 from nav_fusion.engine import Engine, Rows, Status, joined
 from nav_fusion.feeding import feed
 from nav_fusion.noise import NavigationNoise, TurnOn, from_model, mems_defaults
-from nav_fusion.parameters import Parameters
+from nav_fusion.parameters import DEFAULTS, Parameters
 from nav_fusion.published import FIX_TOPIC, ODOMETRY_TOPIC, fix_messages, odometry_messages
 from nav_fusion.solution import Solution, solve
 
@@ -67,7 +67,7 @@ class FuseResult:
 def fuse_bag(
     bag: str | Path,
     model: NoiseModel | None = None,
-    parameters: Parameters = Parameters(),
+    parameters: Parameters = DEFAULTS,
     topics: TopicNames | None = None,
 ) -> FuseResult:
     """Read a bag and fuse it.
@@ -82,14 +82,19 @@ def fuse_bag(
     kinds = {c.type for c in columns if c.stamp_ns.size}
     for needed, what in ((cdr.IMU, "sensor_msgs/Imu"), (cdr.NAV_SAT_FIX, "sensor_msgs/NavSatFix")):
         if needed not in kinds:
-            raise InputError(f"{bag}: no {what} topic with messages: nothing to fuse; "
-                             "record it, or name it with --topic")
+            raise InputError(
+                f"{bag}: no {what} topic with messages: nothing to fuse; "
+                "record it, or name it with --topic"
+            )
     noise = choose_noise(columns, model, parameters, str(bag))
     return fuse_columns(columns, noise, parameters, str(bag), notes)
 
 
 def fuse_columns(
-    columns: Sequence[TopicColumns], noise: NavigationNoise, parameters: Parameters, source: str,
+    columns: Sequence[TopicColumns],
+    noise: NavigationNoise,
+    parameters: Parameters,
+    source: str,
     notes: Sequence[str] = (),
 ) -> FuseResult:
     """Fuse topics in the order of their times of reception."""
@@ -99,14 +104,23 @@ def fuse_columns(
     origin = engine.origin
     said = (f"noise model: {noise.source}", *notes, *status.notes)
     if not engine.running or origin is None or not rows.stamp_ns.size:
-        reason = engine.fault or _apart(columns) or "; ".join(
-            ("no fix has a second of IMU samples before it and half a second after it",
-             *status.notes, *notes))
+        reason = (
+            engine.fault
+            or _apart(columns)
+            or "; ".join(
+                (
+                    "no fix has a second of IMU samples before it and half a second after it",
+                    *status.notes,
+                    *notes,
+                )
+            )
+        )
         raise InputError(f"{source}: the filter could not start: {reason}")
     if engine.turns_too_fast():
         raise InputError(
             f"{source}: angular_velocity stays above 8 rad/s for a second or more: degrees per "
-            "second, perhaps; it must be rad/s")
+            "second, perhaps; it must be rad/s"
+        )
     solution = solve(rows.stamp_ns, rows.values, origin, parameters.lever_arm_m)
     return FuseResult(solution, origin, status, engine, said)
 
@@ -119,8 +133,10 @@ def _apart(columns: Sequence[TopicColumns]) -> str:
     if not ahead and fixes.stamp_ns.max() >= imu.stamp_ns.min():
         return ""
     apart = abs(float(fixes.stamp_ns[0] - imu.stamp_ns[0])) * 1e-9
-    return (f"stamps of {fixes.topic} begin {apart:.0f} s {'after' if ahead else 'before'} those of "
-            f"{imu.topic} and do not overlap: their clocks differ; mend the driver")
+    return (
+        f"stamps of {fixes.topic} begin {apart:.0f} s {'after' if ahead else 'before'} those of "
+        f"{imu.topic} and do not overlap: their clocks differ; mend the driver"
+    )
 
 
 def run(engine: Engine, columns: Sequence[TopicColumns]) -> Rows:
@@ -145,8 +161,12 @@ def run(engine: Engine, columns: Sequence[TopicColumns]) -> Rows:
 
 
 def _slice(columns: TopicColumns, begin: int, end: int) -> Decoded:
-    return Decoded(columns.stamp_ns[begin:end], columns.values[:, begin:end],
-                   np.ones(end - begin, dtype=bool), columns.frame_ids)
+    return Decoded(
+        columns.stamp_ns[begin:end],
+        columns.values[:, begin:end],
+        np.ones(end - begin, dtype=bool),
+        columns.frame_ids,
+    )
 
 
 def choose_noise(
@@ -159,15 +179,19 @@ def choose_noise(
     still_s, recording = leading_rest(columns, source)
     if still_s < SHORTEST_STILL_S:
         defaults = mems_defaults(turn_on)
-        return replace(defaults, notes=(
-            *defaults.notes,
-            f"no --model, and the platform rests for {still_s:.0f} s at the start (less than "
-            f"{SHORTEST_STILL_S:.0f}): values of a consumer MEMS IMU are used",
-        ))
+        return replace(
+            defaults,
+            notes=(
+                *defaults.notes,
+                f"no --model, and the platform rests for {still_s:.0f} s at the start (less than "
+                f"{SHORTEST_STILL_S:.0f}): values of a consumer MEMS IMU are used",
+            ),
+        )
     found = identify_recording(recording)
     noise = from_model(found.model, turn_on)
     return replace(
-        noise, source=f"identified from the first {still_s:.0f} s, in which the platform rests")
+        noise, source=f"identified from the first {still_s:.0f} s, in which the platform rests"
+    )
 
 
 def leading_rest(columns: Sequence[TopicColumns], source: str) -> tuple[float, Recording]:
@@ -186,7 +210,8 @@ def leading_rest(columns: Sequence[TopicColumns], source: str) -> tuple[float, R
     if not math.isfinite(still_s):
         return 0.0, recording
     keep = tuple(
-        _head(c, still_s) for c in recording.channels
+        _head(c, still_s)
+        for c in recording.channels
         if still_s >= GNSS_STILL_S or not c.name.startswith(("position", "velocity"))
     )
     return still_s, replace(recording, channels=tuple(c for c in keep if c.stamp_ns.size > 100))
@@ -194,8 +219,12 @@ def leading_rest(columns: Sequence[TopicColumns], source: str) -> tuple[float, R
 
 def _head(channel: Channel, seconds: float) -> Channel:
     count = int(np.searchsorted(channel.stamp_ns, channel.stamp_ns[0] + round(seconds * 1e9)))
-    return replace(channel, stamp_ns=channel.stamp_ns[:count], values=channel.values[:count],
-                   still=channel.still[:count])
+    return replace(
+        channel,
+        stamp_ns=channel.stamp_ns[:count],
+        values=channel.values[:count],
+        still=channel.still[:count],
+    )
 
 
 def fuse_tree(result: FuseResult) -> dict[str, Any]:
@@ -210,11 +239,17 @@ def fuse_tree(result: FuseResult) -> dict[str, Any]:
         "nis": {"mean": s.nis_mean, "dof": s.nis_dof, "lower": s.nis_lower, "upper": s.nis_upper},
         "white": bool(s.white) if s.white is not None else None,
         "gate": {"threshold": s.gate, "confidence": result.engine.parameters.gate_confidence},
-        "imu": {"duplicates": s.imu_duplicates, "out_of_order": s.imu_out_of_order,
-                "non_finite": s.imu_non_finite, "gaps": s.gaps, "gap_s": s.gap_s},
+        "imu": {
+            "duplicates": s.imu_duplicates,
+            "out_of_order": s.imu_out_of_order,
+            "non_finite": s.imu_non_finite,
+            "gaps": s.gaps,
+            "gap_s": s.gap_s,
+        },
         "velocities": {"used": s.velocity_used, "gated": s.velocity_gated},
         "headings": {"used": s.heading_used, "gated": s.heading_gated},
-        "heading_known_s": s.heading_known_s, "still_updates": s.still_updates,
+        "heading_known_s": s.heading_known_s,
+        "still_updates": s.still_updates,
         "gyro_bias_rad_s": {"value": s.gyro_bias, "sigma": s.gyro_bias_sigma},
         "accel_bias_m_s2": {"value": s.accel_bias, "sigma": s.accel_bias_sigma},
         "model": result.engine.noise.source,
@@ -231,10 +266,13 @@ def write_result(result: FuseResult, folder: Path, told: Callable[[str], None]) 
         When a file cannot be written.
     """
     stamp_ns = result.solution.stamp_ns
-    write_bag(folder / "filtered", [
-        TopicBytes(ODOMETRY_TOPIC, cdr.ODOMETRY, stamp_ns, odometry_messages(result.solution)),
-        TopicBytes(FIX_TOPIC, cdr.NAV_SAT_FIX, stamp_ns, fix_messages(result.solution)),
-    ])
+    write_bag(
+        folder / "filtered",
+        [
+            TopicBytes(ODOMETRY_TOPIC, cdr.ODOMETRY, stamp_ns, odometry_messages(result.solution)),
+            TopicBytes(FIX_TOPIC, cdr.NAV_SAT_FIX, stamp_ns, fix_messages(result.solution)),
+        ],
+    )
     told("filtered/")
     write_json(fuse_tree(result), folder / "fuse.json")
     told("fuse.json")
@@ -255,4 +293,5 @@ def warm_up() -> None:
         engine.add_velocity(at, (0.0, 0.0, 0.0), np.eye(3))
         engine.add_field(at, (2e-5, 0.0, -4e-5))
     engine.status()
-    assert engine.origin is not None and engine.state().size > core.OUT_SIZE
+    assert engine.origin is not None
+    assert engine.state().size > core.OUT_SIZE

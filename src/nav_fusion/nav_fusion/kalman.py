@@ -68,9 +68,7 @@ def correct(state: Gaussian, y: Floats, H: Floats, R: Floats) -> Correction:
     return Correction(corrected, innovation, S, K)
 
 
-def correct_after_noise(
-    state: Gaussian, y: Floats, H: Floats, R: Floats, M: Floats
-) -> Correction:
+def correct_after_noise(state: Gaussian, y: Floats, H: Floats, R: Floats, M: Floats) -> Correction:
     """Correct where the measurement shares noise with the step that led to it.
 
     M = E[w_{k-1} v_k'] (n, k), the thesis's timing: S = H P H' + H M + M' H' + R,

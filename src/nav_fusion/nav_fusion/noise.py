@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.errors import InputError
 from imu_noise_id.model import ChannelModel, NoiseModel
 
@@ -112,15 +113,28 @@ def mems_defaults(turn_on: TurnOn = TurnOn()) -> NavigationNoise:
     claims, and white noise with all of it: which of both a receiver has is not known without a
     model, and a fix that is thought too good is gated.
     """
-    gyro = AxisNoise(1.7e-4, _with_turn_on((SlowTerm.gauss_markov(5e-5, 300.0, "gauss_markov"),),
-                                           turn_on.gyro_sigma_rad_s))
-    accel = AxisNoise(2e-3, _with_turn_on((SlowTerm.gauss_markov(1e-3, 300.0, "gauss_markov"),),
-                                          turn_on.accel_sigma_m_s2))
+    gyro = AxisNoise(
+        1.7e-4,
+        _with_turn_on(
+            (SlowTerm.gauss_markov(5e-5, 300.0, "gauss_markov"),), turn_on.gyro_sigma_rad_s
+        ),
+    )
+    accel = AxisNoise(
+        2e-3,
+        _with_turn_on(
+            (SlowTerm.gauss_markov(1e-3, 300.0, "gauss_markov"),), turn_on.accel_sigma_m_s2
+        ),
+    )
     claim = AidNoise(1.0, (SlowTerm.gauss_markov(0.95, 30.0, "gauss_markov"),))
     speed = AidNoise(0.15)
     heading = AidNoise(0.03, (SlowTerm.gauss_markov(0.1, 60.0, "gauss_markov"),))
     return NavigationNoise(
-        (gyro,) * 3, (accel,) * 3, (claim,) * 3, (speed,) * 3, heading, True,
+        (gyro,) * 3,
+        (accel,) * 3,
+        (claim,) * 3,
+        (speed,) * 3,
+        heading,
+        True,
         "MEMS defaults",
     )
 
@@ -143,9 +157,7 @@ def from_model(
     """
     notes: list[str] = []
     defaults = mems_defaults(turn_on)
-    gyro = [
-        _axis(model, f"angular_velocity.{a}", turn_on.gyro_sigma_rad_s, notes) for a in AXES
-    ]
+    gyro = [_axis(model, f"angular_velocity.{a}", turn_on.gyro_sigma_rad_s, notes) for a in AXES]
     accel = [
         _axis(model, f"linear_acceleration.{a}", turn_on.accel_sigma_m_s2, notes) for a in AXES
     ]
@@ -154,18 +166,25 @@ def from_model(
     heading = _aid(model, "heading", aid_rate_hz, notes)
     known = all(p is not None for p in position)
     if not known:
-        notes.append("the model has no position channels: the receiver's own covariance is used, "
-                     "as white noise and as colour of 30 s")
+        notes.append(
+            "the model has no position channels: the receiver's own covariance is used, "
+            "as white noise and as colour of 30 s"
+        )
     return NavigationNoise(
-        _three(gyro, defaults.gyro), _three(accel, defaults.accel),
+        _three(gyro, defaults.gyro),
+        _three(accel, defaults.accel),
         _three(position, defaults.position) if known else defaults.position,
-        _three(velocity, defaults.velocity), heading or defaults.heading, not known,
-        model.source or "model", tuple(dict.fromkeys(notes)),
+        _three(velocity, defaults.velocity),
+        heading or defaults.heading,
+        not known,
+        model.source or "model",
+        tuple(dict.fromkeys(notes)),
     )
 
 
-def flicker_terms(coefficient: float, shortest_s: float = 3.0, longest_s: float = 1000.0,
-                  count: int = 2) -> tuple[SlowTerm, ...]:
+def flicker_terms(
+    coefficient: float, shortest_s: float = 3.0, longest_s: float = 1000.0, count: int = 2
+) -> tuple[SlowTerm, ...]:
     """Gauss-Markov terms whose summed spectrum follows B^2/(2 pi f) over a band.
 
     Correlation times in geometric steps; least squares in the logarithm over 1/(2 pi T) of the
@@ -184,18 +203,26 @@ def slow_terms(channel: ChannelModel, notes: list[str]) -> tuple[SlowTerm, ...]:
     """Slow terms of a channel's effects; what is left out is added to ``notes``."""
     terms: list[SlowTerm] = []
     for fitted in channel.effects:
-        value = {p.name: v for p, v in zip(fitted.effect.parameters, fitted.effect.values())}
+        value = {
+            p.name: v for p, v in zip(fitted.effect.parameters, fitted.effect.values(), strict=True)
+        }
         if fitted.name == "gauss_markov":
-            terms.append(SlowTerm.gauss_markov(
-                float(value["sigma"]), float(value["correlation_time_s"]), fitted.name))
+            terms.append(
+                SlowTerm.gauss_markov(
+                    float(value["sigma"]), float(value["correlation_time_s"]), fitted.name
+                )
+            )
         elif fitted.name == "rate_random_walk":
             terms.append(SlowTerm(0.0, math.inf, float(value["coefficient"]), fitted.name))
         elif fitted.name == "bias_instability":
             terms.extend(flicker_terms(float(value["coefficient"])))
         elif fitted.name == "random_telegraph":
             # same spectrum as a Gauss-Markov term of half the dwell time
-            terms.append(SlowTerm.gauss_markov(
-                0.5 * float(value["height"]), 0.5 * float(value["mean_dwell_s"]), fitted.name))
+            terms.append(
+                SlowTerm.gauss_markov(
+                    0.5 * float(value["height"]), 0.5 * float(value["mean_dwell_s"]), fitted.name
+                )
+            )
         elif fitted.name != "white_noise":
             notes.append(f"{fitted.name} is no state of the filter; its cost is in the budget")
     return tuple(terms)
@@ -203,8 +230,8 @@ def slow_terms(channel: ChannelModel, notes: list[str]) -> tuple[SlowTerm, ...]:
 
 def white_density(channel: ChannelModel) -> float:
     """Root of the summed white spectra of a channel, unit/sqrt(Hz)."""
-    found = [f.effect for f in channel.effects if f.name == "white_noise"]
-    return math.sqrt(sum(float(getattr(e, "density")) ** 2 for e in found))
+    found = [f.effect for f in channel.effects if isinstance(f.effect, WhiteNoise)]
+    return math.sqrt(sum(float(e.density) ** 2 for e in found))
 
 
 def _with_turn_on(terms: tuple[SlowTerm, ...], sigma: float) -> tuple[SlowTerm, ...]:
@@ -239,12 +266,13 @@ def _aid(model: NoiseModel, name: str, rate_hz: float, notes: list[str]) -> AidN
         if math.isinf(term.correlation_time_s):
             # a walk of the receiver cannot be told from motion: bounded at 1000 s instead
             sigma = term.density * math.sqrt(500.0)
-            term = SlowTerm.gauss_markov(sigma, 1000.0, term.name)
+            terms.append(SlowTerm.gauss_markov(sigma, 1000.0, term.name))
             notes.append(f"{name}: random walk taken as Gauss-Markov of 1000 s")
-        terms.append(term)
+        else:
+            terms.append(term)
     white = white_density(channel) * math.sqrt(channel.rate_hz or rate_hz)
     return AidNoise(white, tuple(terms))
 
 
 def _three(found: list, default: tuple) -> tuple:
-    return tuple(f if f is not None else d for f, d in zip(found, default))
+    return tuple(f if f is not None else d for f, d in zip(found, default, strict=True))

@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 
 from nav_fusion.earth import EARTH_RATE_RAD_S, level_axes_at
 from nav_fusion.state import (
-    HEADING, LOG_WEIGHT, NAV, POSITION, SLOW, STRIDE, VELOCITY, Q, R, V, SlowModel,
+    HEADING,
+    LOG_WEIGHT,
+    NAV,
+    POSITION,
+    SLOW,
+    STRIDE,
+    VELOCITY,
+    Q,
+    R,
+    SlowModel,
+    V,
 )
 from nav_fusion.strapdown import rotate_left, rotation_matrix
 
@@ -28,8 +38,17 @@ VELOCITY_USED, VELOCITY_GATED, HEADING_USED, HEADING_GATED, STILL_UPDATES = 25, 
 RECENT_NIS, WHITE_COUNT, WHITE_SUM, WHITE_PAST, ALIGNED_S = 30, 31, 32, 37, 52
 HEADING_STREAK, FIRST_FIX, VELOCITY_STREAK, RECENT_COUNT = 53, 54, 57, 58
 
-TOTALS = (USED, GATED, REPEATED, RECOVERED, VELOCITY_USED, VELOCITY_GATED, HEADING_USED,
-          HEADING_GATED, STILL_UPDATES)
+TOTALS = (
+    USED,
+    GATED,
+    REPEATED,
+    RECOVERED,
+    VELOCITY_USED,
+    VELOCITY_GATED,
+    HEADING_USED,
+    HEADING_GATED,
+    STILL_UPDATES,
+)
 """Counters that go on when the filter is started anew."""
 
 LAGS = 5
@@ -77,9 +96,15 @@ def update_views(flat: Floats) -> Update:
     """Views of a flat array of ``UPDATE_SIZE`` as the working arrays."""
     a, b, c, d = 48, 48 + 3 * STRIDE, 48 + 6 * STRIDE, 48 + 9 * STRIDE
     return Update(
-        flat[0:3], flat[a:b].reshape(3, STRIDE), flat[3:12].reshape(3, 3),
-        flat[b:c].reshape(STRIDE, 3), flat[12:21].reshape(3, 3), flat[c:d].reshape(STRIDE, 3),
-        flat[21:30].reshape(3, 3), flat[30:39].reshape(3, 3), flat[39:42],
+        flat[0:3],
+        flat[a:b].reshape(3, STRIDE),
+        flat[3:12].reshape(3, 3),
+        flat[b:c].reshape(STRIDE, 3),
+        flat[12:21].reshape(3, 3),
+        flat[c:d].reshape(STRIDE, 3),
+        flat[21:30].reshape(3, 3),
+        flat[30:39].reshape(3, 3),
+        flat[39:42],
     )
 
 
@@ -131,8 +156,8 @@ def whiten(k: int, u: Update) -> float:
 
 
 @njit(cache=True)
-def joseph(P: Floats, n: int, k: int, u: Update) -> None:
-    """K = P H' S^-1 and P <- (I - K H) P (I - K H)' + K R K', symmetric to the last bit."""
+def gain(n: int, k: int, u: Update) -> None:
+    """K = P H' S^-1 by the Cholesky factor of S."""
     for i in range(n):
         for a in range(k):
             total = u.PHt[i, a]
@@ -144,10 +169,35 @@ def joseph(P: Floats, n: int, k: int, u: Update) -> None:
             for b in range(a + 1, k):
                 total -= u.S[b, a] * u.K[i, b]
             u.K[i, a] = total / u.S[a, a]
+
+
+@njit(cache=True)
+def subtract_product(P: Floats, A: Floats, B: Floats, n: int, k: int) -> None:
+    """P <- P - A B' of (n, k) matrices."""
     for i in range(n):
         for j in range(n):
             for a in range(k):
-                P[i * STRIDE + j] -= u.K[i, a] * u.PHt[j, a]
+                P[i * STRIDE + j] -= A[i, a] * B[j, a]
+
+
+@njit(cache=True)
+def symmetrise(P: Floats, n: int) -> None:
+    """Make P symmetric to the last bit."""
+    for i in range(n):
+        for j in range(i):
+            mean = 0.5 * (P[i * STRIDE + j] + P[j * STRIDE + i])
+            P[i * STRIDE + j] = mean
+            P[j * STRIDE + i] = mean
+
+
+@njit(cache=True)
+def joseph(P: Floats, n: int, k: int, u: Update) -> None:
+    """P <- (I - K H) P (I - K H)' + K R K', symmetric to the last bit; K is left in ``u``.
+
+    As two products of rank k: A = P - K (P H')', then A - (A H' - K R) K'.
+    """
+    gain(n, k, u)
+    subtract_product(P, u.K, u.PHt, n, k)
     for i in range(n):
         for a in range(k):
             total = 0.0
@@ -156,15 +206,8 @@ def joseph(P: Floats, n: int, k: int, u: Update) -> None:
             for b in range(k):
                 total -= u.K[i, b] * u.R[b, a]
             u.PHt[i, a] = total
-    for i in range(n):
-        for j in range(n):
-            for a in range(k):
-                P[i * STRIDE + j] -= u.PHt[i, a] * u.K[j, a]
-    for i in range(n):
-        for j in range(i):
-            mean = 0.5 * (P[i * STRIDE + j] + P[j * STRIDE + i])
-            P[i * STRIDE + j] = mean
-            P[j * STRIDE + i] = mean
+    subtract_product(P, u.PHt, u.K, n, k)
+    symmetrise(P, n)
 
 
 @njit(cache=True)
@@ -186,8 +229,9 @@ def apply_correction(s: Floats, m: int, k: int, u: Update) -> None:
 
 
 @njit(cache=True)
-def colour_columns(H: Floats, x: Floats, y: Floats, slow: SlowModel, base: int, k: int,
-                   scale: Floats) -> None:
+def colour_columns(
+    H: Floats, x: Floats, y: Floats, slow: SlowModel, base: int, k: int, scale: Floats
+) -> None:
     """Enter the slow states of an aid: H gets their scale, y loses what they explain."""
     for s in range(slow.target.size):
         a = slow.target[s] - base
@@ -327,10 +371,13 @@ def correct_by_velocity(
     m = slow.target.size
     rotation_matrix(s[Q : Q + 4], u.C)
     level_axes_at(s[R : R + 3], u.T)
-    l = sensing.lever
+    arm = sensing.lever
     swing = np.zeros(3)
-    cross = (rate[1] * l[2] - rate[2] * l[1], rate[2] * l[0] - rate[0] * l[2],
-             rate[0] * l[1] - rate[1] * l[0])
+    cross = (
+        rate[1] * arm[2] - rate[2] * arm[1],
+        rate[2] * arm[0] - rate[0] * arm[2],
+        rate[0] * arm[1] - rate[1] * arm[0],
+    )
     for i in range(3):
         swing[i] = u.C[i, 0] * cross[0] + u.C[i, 1] * cross[1] + u.C[i, 2] * cross[2]
     u.H[:, :] = 0.0
@@ -356,9 +403,7 @@ def correct_by_velocity(
 
 
 @njit(cache=True)
-def correct_by_field(
-    s: Floats, slow: SlowModel, z: Floats, sensing: Sensing, u: Update
-) -> None:
+def correct_by_field(s: Floats, slow: SlowModel, z: Floats, sensing: Sensing, u: Update) -> None:
     """Magnetic field in b (calibrated): its azimuth in level axes is the declination.
 
     With f = T C z the field in level axes, azimuth = atan2(f_e, f_n), y = declination - azimuth
@@ -411,8 +456,13 @@ def may_rest(s: Floats, slow_states: int, sensing: Sensing) -> bool:
 
 @njit(cache=True)
 def correct_by_rest(
-    s: Floats, slow: SlowModel, rate: Floats, gyro_psd: Floats, window_s: float,
-    sensing: Sensing, u: Update,
+    s: Floats,
+    slow: SlowModel,
+    rate: Floats,
+    gyro_psd: Floats,
+    window_s: float,
+    sensing: Sensing,
+    u: Update,
 ) -> None:
     """Standing still: velocity 0, and the gyro reads the Earth's rate and its bias.
 

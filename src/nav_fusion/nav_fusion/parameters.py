@@ -130,3 +130,6 @@ RANGES: dict[str, tuple[float, float, str]] = {
     "longest_gap_s": (1.0, 3600.0, "s"),
 }
 """Lowest and highest value and unit of each bounded parameter."""
+
+DEFAULTS = Parameters()
+"""Every parameter as it is when nothing is said."""

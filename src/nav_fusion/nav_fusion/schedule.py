@@ -17,14 +17,15 @@ Floats = NDArray[np.float64]
 class Chain:
     """A linear error model in two rates.
 
-    Between aids x <- fast.F x + w, ``ratio`` times; at the aid y = H x + v and x <- slow_F x + u with
-    E[v v'] = R, E[u u'] = slow_Q and E[u v'] = M: the aid's own state moves by the input it shows.
+    Between aids x <- fast.F x + w, ``ratio`` times; at the aid y = H x + v and x <- aid_F x + u
+    with E[v v'] = R, E[u u'] = aid_Q and E[u v'] = M: the aid's own state moves by the input that
+    it shows.
 
     Attributes
     ----------
     fast : Step
     ratio : int
-    H, R, slow_F, slow_Q, M : float64 arrays
+    H, R, aid_F, aid_Q, M : float64 arrays
     P0 : (n, n) float64
     names : tuple of str
         Of the states.
@@ -34,8 +35,8 @@ class Chain:
     ratio: int
     H: Floats
     R: Floats
-    slow_F: Floats
-    slow_Q: Floats
+    aid_F: Floats  # noqa: N815  (the textbook's letter)
+    aid_Q: Floats  # noqa: N815
     M: Floats
     P0: Floats
     names: tuple[str, ...]
@@ -48,7 +49,7 @@ class Chain:
     def period(self) -> Step:
         """One aid period as a step, without correction."""
         fast = repeated(self.fast, self.ratio)
-        return Step(fast.F @ self.slow_F, fast.F @ self.slow_Q @ fast.F.T + fast.Q, fast.dt_s)
+        return Step(fast.F @ self.aid_F, fast.F @ self.aid_Q @ fast.F.T + fast.Q, fast.dt_s)
 
 
 @dataclass(frozen=True)
@@ -73,11 +74,11 @@ def run_covariance(chain: Chain, duration_s: float) -> CovarianceCourse:
     covariances[0] = chain.P0
     for k in range(aids):
         state = correct_and_predict(
-            state, nothing, chain.H, chain.R, chain.slow_F, chain.slow_Q, chain.M
+            state, nothing, chain.H, chain.R, chain.aid_F, chain.aid_Q, chain.M
         ).state
         state = predict(state, between.F, between.Q)
         covariances[k + 1] = state.covariance
-    return CovarianceCourse(chain.aid_period_s * np.arange(aids + 1), covariances)
+    return CovarianceCourse(chain.aid_period_s * np.arange(aids + 1, dtype=np.float64), covariances)
 
 
 def steady(chain: Chain) -> Floats:

@@ -25,8 +25,9 @@ def parameters_from(settings: Sequence[str]) -> Parameters:
     for text in settings:
         name, equals, value = text.partition("=")
         if not equals or name not in defaults:
-            raise InputError(f"--set {text}: NAME=VALUE is needed, NAME one of "
-                             f"{', '.join(sorted(defaults))}")
+            raise InputError(
+                f"--set {text}: NAME=VALUE is needed, NAME one of {', '.join(sorted(defaults))}"
+            )
         try:
             given[name] = _value(yaml.safe_load(value), defaults[name], name)
         except (yaml.YAMLError, TypeError, ValueError) as error:

@@ -87,7 +87,9 @@ def turned(a: Floats, T: Floats) -> Floats:
 
 
 def solve(
-    stamp_ns: Stamps, values: Floats, origin: tuple[float, float, float],
+    stamp_ns: Stamps,
+    values: Floats,
+    origin: tuple[float, float, float],
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     gyro_sample_variance: Floats | None = None,
 ) -> Solution:
@@ -103,8 +105,7 @@ def solve(
     position = turned(r - ecef_from_geodetic(latitude, longitude, origin[2]), T)
     pose = _rotated(P[:, [0, 1, 2, 6, 7, 8]][:, :, [0, 1, 2, 6, 7, 8]], T)
     pose[:, 5, 5] = np.minimum(pose[:, 5, 5], LARGEST_HEADING_VARIANCE)
-    J = np.concatenate((np.swapaxes(C_eb, 1, 2),
-                        np.swapaxes(C_eb, 1, 2) @ cross_matrix(v)), axis=2)
+    J = np.concatenate((np.swapaxes(C_eb, 1, 2), np.swapaxes(C_eb, 1, 2) @ cross_matrix(v)), axis=2)
     twist = np.zeros((len(v), 6, 6))
     twist[:, :3, :3] = J @ P[:, 3:9, 3:9] @ np.swapaxes(J, 1, 2)
     noise = np.zeros(3) if gyro_sample_variance is None else gyro_sample_variance
@@ -112,10 +113,19 @@ def solve(
         twist[:, 3 + i, 3 + i] = values[:, core.OUT_BIAS_VARIANCE + i] + noise[i]
     antenna, antenna_covariance = _antenna(r, C_eb, P, np.array(lever_arm_m))
     return Solution(
-        stamp_ns, position, turned(v, T), quaternion_of(T @ C_eb), pose,
-        T @ P[:, 3:6, 3:6] @ T.T, np.einsum("kji,kj->ki", C_eb, v),
-        values[:, core.OUT_RATE : core.OUT_RATE + 3], twist, antenna, antenna_covariance,
-        values[:, core.OUT_HYPOTHESES].astype(np.int64), values[:, core.OUT_STILL] > 0,
+        stamp_ns,
+        position,
+        turned(v, T),
+        quaternion_of(T @ C_eb),
+        pose,
+        T @ P[:, 3:6, 3:6] @ T.T,
+        np.einsum("kji,kj->ki", C_eb, v),
+        values[:, core.OUT_RATE : core.OUT_RATE + 3],
+        twist,
+        antenna,
+        antenna_covariance,
+        values[:, core.OUT_HYPOTHESES].astype(np.int64),
+        values[:, core.OUT_STILL] > 0,
     )
 
 

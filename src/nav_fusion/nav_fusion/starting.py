@@ -145,8 +145,10 @@ class Waiting:
         first = int(np.searchsorted(self._stamp_ns, fix.time_ns)) - 1
         begin = int(np.searchsorted(self._stamp_ns, fix.time_ns - round(p.alignment_s * 1e9)))
         if first - begin < 4:
-            self.fault = (f"the IMU has fewer than 5 samples in the {p.alignment_s:g} s before the "
-                          "first fix: raise alignment_s or mend the driver")
+            self.fault = (
+                f"the IMU has fewer than 5 samples in the {p.alignment_s:g} s before the "
+                "first fix: raise alignment_s or mend the driver"
+            )
             return None
         window = slice(begin, first + 1)
         period_s = float(np.median(np.diff(self._stamp_ns[window]))) * 1e-9
@@ -165,22 +167,41 @@ class Waiting:
         noise_tilt = math.sqrt(float(self._layout.accel_psd.max()) / p.alignment_s) / 9.8
         tilt = noise_tilt + 1e-4 if still else MOVING_TILT_RAD
         headings, spread = self._headings(force.mean(axis=0), self._stamp_ns[window])
-        bank = hypotheses(self._layout, fix.z[0:3], force.mean(axis=0), headings, spread, tilt,
-                          p.initial_speed_sigma_m_s)
+        bank = hypotheses(
+            self._layout,
+            fix.z[0:3],
+            force.mean(axis=0),
+            headings,
+            spread,
+            tilt,
+            p.initial_speed_sigma_m_s,
+        )
         begin_ns = int(self._stamp_ns[first])
         later = tuple(m for m in self._measurements if m.time_ns > begin_ns)
         earlier = sum(m.kind == core.FIX for m in self._measurements) - sum(
-            m.kind == core.FIX for m in later)
-        return Start(bank, self._stamp_ns[first:], self._rate[first:], self._force[first:],
-                     trigger - first, later, earlier + self.dropped, period_s)
+            m.kind == core.FIX for m in later
+        )
+        return Start(
+            bank,
+            self._stamp_ns[first:],
+            self._rate[first:],
+            self._force[first:],
+            trigger - first,
+            later,
+            earlier + self.dropped,
+            period_s,
+        )
 
     def _headings(self, force: Floats, stamp_ns: Stamps) -> tuple[Floats, float]:
         """Start headings and the spread of each: known, by magnetometer, or all around."""
         p = self._parameters
         if math.isfinite(p.initial_heading_rad):
             return np.array([p.initial_heading_rad]), p.initial_heading_sigma_rad
-        fields = [m.z[0:3] for m in self._measurements
-                  if m.kind == core.FIELD and stamp_ns[0] <= m.time_ns <= stamp_ns[-1]]
+        fields = [
+            m.z[0:3]
+            for m in self._measurements
+            if m.kind == core.FIELD and stamp_ns[0] <= m.time_ns <= stamp_ns[-1]
+        ]
         if fields:
             field = np.mean(fields, axis=0)
             heading = heading_by_field(force, field, p.declination_rad)
@@ -206,12 +227,18 @@ def _implausible(force: Floats, rate: Floats, steady: bool) -> str | None:
     norm, speed = float(np.linalg.norm(force)), float(np.linalg.norm(rate))
     low, high = GRAVITY_RANGE_M_S2
     if 0.5 < norm < 2.0:
-        return (f"linear_acceleration has a mean of {norm:.2f}, which is g and not m/s^2: "
-                "multiply by 9.80665 in the driver")
+        return (
+            f"linear_acceleration has a mean of {norm:.2f}, which is g and not m/s^2: "
+            "multiply by 9.80665 in the driver"
+        )
     if not low < norm < high:
-        return (f"linear_acceleration has a mean of {norm:.2f} m/s^2 and gravity is 9.8: "
-                "check unit and calibration")
+        return (
+            f"linear_acceleration has a mean of {norm:.2f} m/s^2 and gravity is 9.8: "
+            "check unit and calibration"
+        )
     if steady and speed > REST_RATE_RAD_S:
-        return (f"angular_velocity is {speed:.2f} rad/s at rest: degrees per second, perhaps; "
-                "it must be rad/s")
+        return (
+            f"angular_velocity is {speed:.2f} rad/s at rest: degrees per second, perhaps; "
+            "it must be rad/s"
+        )
     return None

@@ -79,8 +79,10 @@ class Layout:
 
 def layout_of(noise: NavigationNoise, velocity: bool = True, heading: bool = True) -> Layout:
     """Lay out the states of a noise model; aids that are not there get none."""
-    groups: list[tuple[int, tuple[AxisNoise, ...] | tuple[AidNoise, ...]]] = [
-        (GYRO, noise.gyro), (ACCEL, noise.accel), (POSITION, noise.position),
+    groups: list[tuple[int, tuple[AxisNoise | AidNoise, ...]]] = [
+        (GYRO, noise.gyro),
+        (ACCEL, noise.accel),
+        (POSITION, noise.position),
     ]
     if velocity:
         groups.append((VELOCITY, noise.velocity))
@@ -104,7 +106,8 @@ def layout_of(noise: NavigationNoise, velocity: bool = True, heading: bool = Tru
         np.array([term.initial_sigma**2 for _, term in rows], dtype=float),
     )
     return Layout(
-        slow, tuple(term.name for _, term in rows),
+        slow,
+        tuple(term.name for _, term in rows),
         np.array([a.white_density**2 for a in noise.gyro]),
         np.array([a.white_density**2 for a in noise.accel]),
     )

@@ -70,8 +70,17 @@ def rotate_left(q: Floats, a: float, b: float, c: float) -> None:
 
 @njit(cache=True)
 def mechanise(
-    r: Floats, v: Floats, q: Floats, w0: Floats, w1: Floats, f0: Floats, f1: Floats, dt: float,
-    C: Floats, f_e: Floats, g: Floats,
+    r: Floats,
+    v: Floats,
+    q: Floats,
+    w0: Floats,
+    w1: Floats,
+    f0: Floats,
+    f1: Floats,
+    dt: float,
+    C: Floats,
+    f_e: Floats,
+    g: Floats,
 ) -> None:
     """Advance position, velocity and attitude by ``dt`` between two samples, biases removed.
 
@@ -114,7 +123,14 @@ def mechanise(
 
 @njit(cache=True)
 def transition_rows(
-    M: Floats, B: Floats, out: Floats, columns: int, f: Floats, u: Floats, k: float, dt: float
+    M: Floats,
+    B: Floats,
+    out: Floats,
+    columns: int,
+    f: Floats,
+    u: tuple[float, float, float],
+    k: float,
+    dt: float,
 ) -> None:
     """F_nav applied to the nine navigation rows of ``M`` and the six bias rows ``B``, into ``out``.
 
@@ -149,9 +165,7 @@ def transition_rows(
 
 
 @njit(cache=True)
-def bias_rows(
-    M: Floats, columns: int, weight: Floats, target: Ints, C: Floats, B: Floats
-) -> None:
+def bias_rows(M: Floats, columns: int, weight: Floats, target: Ints, C: Floats, B: Floats) -> None:
     """Six rows of ``B``: the slow states of each inertial axis, with weights, turned into e."""
     for j in range(6 * STRIDE):
         B[j] = 0.0
@@ -239,8 +253,16 @@ def scratch_views(flat: Floats, m: int) -> Scratch:
 
 @njit(cache=True)
 def propagate_covariance(
-    P: Floats, C: Floats, f_e: Floats, r: Floats, g: Floats, dt: float, slow: SlowModel,
-    gyro_psd: Floats, accel_psd: Floats, work: Scratch,
+    P: Floats,
+    C: Floats,
+    f_e: Floats,
+    r: Floats,
+    g: Floats,
+    dt: float,
+    slow: SlowModel,
+    gyro_psd: Floats,
+    accel_psd: Floats,
+    work: Scratch,
 ) -> None:
     """P <- F P F' + Q in place, by the blocks that F has; P stays symmetric to the last bit.
 

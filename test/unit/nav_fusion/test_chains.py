@@ -80,7 +80,9 @@ def test_a_gyro_alone_walks_as_its_noise_says() -> None:
 def test_the_covariance_does_not_depend_on_the_inertial_rate() -> None:
     axis = AxisNoise(2e-3, (SlowTerm.gauss_markov(3e-3, 50.0, "gauss_markov"),))
     aid = AidNoise(0.3, (SlowTerm.gauss_markov(0.8, 30.0, "gauss_markov"),))
-    last = [run_covariance(identified_chain(axis, aid, 2, 5.0, rate), 60.0).covariance[-1]
-            for rate in (100.0, 200.0, 1000.0)]
+    last = [
+        run_covariance(identified_chain(axis, aid, 2, 5.0, rate), 60.0).covariance[-1]
+        for rate in (100.0, 200.0, 1000.0)
+    ]
     np.testing.assert_allclose(last[0], last[2], rtol=1e-8, atol=1e-14)
     np.testing.assert_allclose(last[1], last[2], rtol=1e-8, atol=1e-14)

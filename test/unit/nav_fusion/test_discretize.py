@@ -29,6 +29,8 @@ def test_steps_of_any_length_agree_and_the_first_order_one_errs_by_the_step() ->
         parts = repeated(exact(A, spectrum, 1.0 / count), count)
         np.testing.assert_allclose(parts.F, whole.F, atol=1e-12)
         np.testing.assert_allclose(parts.Q, whole.Q, rtol=1e-9, atol=1e-15)
-    errors = [np.max(np.abs(repeated(first_order(A, spectrum, 1.0 / c), c).Q - whole.Q))
-              for c in (100, 200)]
+    errors = [
+        np.max(np.abs(repeated(first_order(A, spectrum, 1.0 / c), c).Q - whole.Q))
+        for c in (100, 200)
+    ]
     np.testing.assert_allclose(errors[0] / errors[1], 2.0, rtol=0.05)

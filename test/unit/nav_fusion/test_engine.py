@@ -1,4 +1,4 @@
-"""nav_fusion.engine: same bits whatever the order and the blocks; bad input is left out and said."""
+"""nav_fusion.engine: same bits whatever order and blocks; bad input is left out and said."""
 
 from __future__ import annotations
 
@@ -6,18 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drive import ALTITUDE, LATITUDE, LONGITUDE, START_NS, Drive, drive, play, without_fixes
 from nav_fusion.consistency import covariance_of, is_symmetric_positive
 from nav_fusion.engine import Engine
 from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise, SlowTerm, mems_defaults
 from nav_fusion.parameters import Parameters
 from nav_fusion.solution import solve
 
+from helpers.drive import ALTITUDE, LATITUDE, LONGITUDE, START_NS, Drive, drive, play, without_fixes
+
 HEADED = Parameters(initial_heading_rad=0.0, use_magnetometer=False, use_velocity=False)
 GYRO = AxisNoise(1e-4, (SlowTerm(0.005, float("inf"), 1e-6, "rate_random_walk"),))
 ACCEL = AxisNoise(2e-3, (SlowTerm(0.05, float("inf"), 1e-5, "rate_random_walk"),))
 NOISE = NavigationNoise(
-    (GYRO,) * 3, (ACCEL,) * 3, (AidNoise(0.3),) * 3, (AidNoise(0.1),) * 3, AidNoise(0.05))
+    (GYRO,) * 3, (ACCEL,) * 3, (AidNoise(0.3),) * 3, (AidNoise(0.1),) * 3, AidNoise(0.05)
+)
 
 
 def fused(d: Drive, parameters: Parameters = HEADED, **how: object) -> tuple[Engine, object]:
@@ -36,7 +38,8 @@ def test_the_position_is_found_and_its_sigma_is_true() -> None:
     sigma = np.sqrt(np.diag(solution.pose_covariance[-1]))[:3]
     assert np.all(np.abs(error[:2]) < 4 * sigma[:2] + 0.02)
     status = engine.status()
-    assert status.nis_lower is not None and status.nis_mean is not None
+    assert status.nis_lower is not None
+    assert status.nis_mean is not None
     assert 0.8 * status.nis_lower < status.nis_mean < 1.2 * status.nis_upper
     assert status.white
     assert is_symmetric_positive(covariance_of(engine.state(), engine.layout.slow.target.size))
@@ -90,8 +93,9 @@ def test_any_start_heading_is_found_once_moving(heading: float) -> None:
 
 
 def test_standing_without_magnetometer_the_heading_is_not_observable() -> None:
-    engine, rows = fused(drive(10.0, rest_s=100.0),
-                         replace(HEADED, initial_heading_rad=float("nan")))
+    engine, rows = fused(
+        drive(10.0, rest_s=100.0), replace(HEADED, initial_heading_rad=float("nan"))
+    )
     solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
     assert solution.heading_sigma[-1] > 1.5
     assert any("not observable" in note for note in engine.status().notes)
@@ -100,8 +104,15 @@ def test_standing_without_magnetometer_the_heading_is_not_observable() -> None:
 def test_an_outage_widens_the_sigma_and_ends() -> None:
     d = without_fixes(drive(40.0), 15.0, 35.0)
     _, rows = fused(d)
-    sigma = np.sqrt(np.trace(solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
-                             .pose_covariance[:, :3, :3], axis1=1, axis2=2))
+    sigma = np.sqrt(
+        np.trace(
+            solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE)).pose_covariance[
+                :, :3, :3
+            ],
+            axis1=1,
+            axis2=2,
+        )
+    )
     t = (rows.stamp_ns - START_NS) * 1e-9
     assert sigma[t < 34.9][-1] > 3 * sigma[t < 15][-1]
     assert sigma[-1] < 1.5 * sigma[t < 15][-1]
@@ -220,13 +231,15 @@ def test_an_accelerometer_in_g_is_refused_with_its_reason() -> None:
     d = drive(10.0)
     engine, rows = fused(replace(d, force=d.force / 9.80665))
     assert rows.stamp_ns.size == 0
-    assert engine.fault is not None and "is g" in engine.fault
+    assert engine.fault is not None
+    assert "is g" in engine.fault
 
 
 def test_a_gyro_in_degrees_at_rest_is_refused_with_its_reason() -> None:
     d = drive(10.0)
     engine, _ = fused(replace(d, rate=np.degrees(d.rate + 0.01)))
-    assert engine.fault is not None and "degrees" in engine.fault
+    assert engine.fault is not None
+    assert "degrees" in engine.fault
 
 
 def test_a_gyro_in_degrees_in_a_turn_is_noticed() -> None:

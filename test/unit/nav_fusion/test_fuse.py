@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drive import Drive, drive, play
-from imu_noise_id import cdr
 from imu_noise_id.bag_writer import TopicBytes, write_bag
 from imu_noise_id.bags import read_topics
 from nav_fusion.commands.fuse import main
@@ -19,6 +17,9 @@ from nav_fusion.noise import from_model
 from nav_fusion.parameters import Parameters
 from rosbags.highlevel import AnyReader
 
+from helpers.drive import Drive, drive, play
+from imu_noise_id import cdr
+
 MODEL = """\
 format: model/1
 channels:
@@ -26,7 +27,8 @@ channels:
     f"  - name: {name}.{axis}\n    effects:\n"
     f"      - {{name: white_noise, parameters: {{density: {density}}}}}\n"
     for name, density in (("angular_velocity", 1e-4), ("linear_acceleration", 2e-3))
-    for axis in "xyz")
+    for axis in "xyz"
+)
 
 
 def write(d: Drive, path: Path, late_s: float = 0.0) -> Path:
@@ -34,12 +36,20 @@ def write(d: Drive, path: Path, late_s: float = 0.0) -> Path:
     imu = dict(zip(names, np.hstack((d.rate, d.force)).T, strict=True))
     fixes = dict(zip(("latitude", "longitude", "altitude"), d.fix.T, strict=True))
     fixes |= {f"position_covariance.{k}": 0.09 for k in (0, 4, 8)} | {"covariance_type": 2.0}
-    write_bag(path, [
-        TopicBytes("/imu/data", cdr.IMU, d.stamp_ns,
-                   cdr.encode(cdr.IMU, d.stamp_ns, imu, "imu")),
-        TopicBytes("/gps/fix", cdr.NAV_SAT_FIX, d.fix_ns + round(late_s * 1e9),
-                   cdr.encode(cdr.NAV_SAT_FIX, d.fix_ns, fixes, "gps")),
-    ])
+    write_bag(
+        path,
+        [
+            TopicBytes(
+                "/imu/data", cdr.IMU, d.stamp_ns, cdr.encode(cdr.IMU, d.stamp_ns, imu, "imu")
+            ),
+            TopicBytes(
+                "/gps/fix",
+                cdr.NAV_SAT_FIX,
+                d.fix_ns + round(late_s * 1e9),
+                cdr.encode(cdr.NAV_SAT_FIX, d.fix_ns, fixes, "gps"),
+            ),
+        ],
+    )
     return path
 
 
@@ -64,8 +74,10 @@ def test_the_command_writes_what_the_contract_says(
     bag = write(drive(12.0), tmp_path / "bag")
     (tmp_path / "model.yaml").write_text(MODEL)
     out = tmp_path / "out"
-    assert main(["--bag", str(bag), "--model", str(tmp_path / "model.yaml"), "--output",
-                 str(out)]) == 0
+    assert (
+        main(["--bag", str(bag), "--model", str(tmp_path / "model.yaml"), "--output", str(out)])
+        == 0
+    )
     tree = json.loads((out / "fuse.json").read_text())
     assert tree["format"] == "fuse/1"
     assert set(tree["origin"]) == {"latitude_deg", "longitude_deg", "altitude_m"}
@@ -75,8 +87,11 @@ def test_the_command_writes_what_the_contract_says(
     assert tree["imu_samples"] == 1200
     with AnyReader([out / "filtered"]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
-        messages = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()
-                    if c.topic == "/odometry/filtered"]
+        messages = [
+            reader.deserialize(raw, c.msgtype)
+            for c, _, raw in reader.messages()
+            if c.topic == "/odometry/filtered"
+        ]
     assert counts["/odometry/filtered"] == counts["/gps/filtered"] > 400
     pose = messages[-1].pose.covariance.reshape(6, 6)
     twist = messages[-1].twist.covariance.reshape(6, 6)
@@ -85,15 +100,21 @@ def test_the_command_writes_what_the_contract_says(
     assert "NIS" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("change", "word"), [
-    (lambda d: replace(d, force=d.force / 9.80665), "is g"),
-    (lambda d: replace(d, rate=np.degrees(d.rate + 0.01)), "degrees"),
-    (lambda d: replace(d, fix_ns=d.fix_ns + 3_600_000_000_000), "3600 s"),
-    (lambda d: replace(d, fix_ns=d.fix_ns - 3_600_000_000_000), "3600 s"),
-    (lambda d: replace(d, fix=d.fix * np.nan), "NaN"),
-])
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (lambda d: replace(d, force=d.force / 9.80665), "is g"),
+        (lambda d: replace(d, rate=np.degrees(d.rate + 0.01)), "degrees"),
+        (lambda d: replace(d, fix_ns=d.fix_ns + 3_600_000_000_000), "3600 s"),
+        (lambda d: replace(d, fix_ns=d.fix_ns - 3_600_000_000_000), "3600 s"),
+        (lambda d: replace(d, fix=d.fix * np.nan), "NaN"),
+    ],
+)
 def test_what_cannot_be_fused_is_one_line_and_exit_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], change, word: str  # type: ignore[no-untyped-def]
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    change,
+    word: str,  # type: ignore[no-untyped-def]
 ) -> None:
     bag = write(change(drive(10.0)), tmp_path / "bag")
     assert main(["--bag", str(bag), "--output", str(tmp_path / "out")]) == 2
@@ -108,8 +129,10 @@ def test_a_model_without_a_gyro_is_named(
 ) -> None:
     bag = write(drive(10.0), tmp_path / "bag")
     model = tmp_path / "model.yaml"
-    model.write_text("format: model/1\nchannels:\n" + "".join(MODEL.split("channels:\n")[1]
-                     .partition("  - name: linear_acceleration.x")[1:]))
+    model.write_text(
+        "format: model/1\nchannels:\n"
+        + "".join(MODEL.split("channels:\n")[1].partition("  - name: linear_acceleration.x")[1:])
+    )
     assert main(["--bag", str(bag), "--model", str(model), "--output", str(tmp_path / "o")]) == 2
     assert "angular_velocity.x" in capsys.readouterr().err
 

@@ -24,12 +24,15 @@ def random_model(rng: np.random.Generator) -> tuple[np.ndarray, ...]:
     return F, H, joint[:N, :N], joint[N:, N:], joint[:N, N:]
 
 
-def conditioned(mean: np.ndarray, covariance: np.ndarray, seen: slice, value: np.ndarray,
-                wanted: slice) -> tuple[np.ndarray, np.ndarray]:
+def conditioned(
+    mean: np.ndarray, covariance: np.ndarray, seen: slice, value: np.ndarray, wanted: slice
+) -> tuple[np.ndarray, np.ndarray]:
     """Condition a joint Gaussian: the oracle."""
     gain = covariance[wanted, seen] @ np.linalg.inv(covariance[seen, seen])
-    return (mean[wanted] + gain @ (value - mean[seen]),
-            covariance[wanted, wanted] - gain @ covariance[seen, wanted])
+    return (
+        mean[wanted] + gain @ (value - mean[seen]),
+        covariance[wanted, wanted] - gain @ covariance[seen, wanted],
+    )
 
 
 def test_correct_is_conditioning_of_the_joint_gaussian() -> None:
@@ -69,12 +72,14 @@ def test_noise_shared_with_the_step_before_is_exact_over_several_steps(seed: int
         rows.append(y)
     G = np.vstack([x, *rows])
     values = rng.normal(size=steps * K)
-    mean, P = conditioned(np.zeros(len(G)), G @ covariance @ G.T, slice(N, None), values,
-                          slice(0, N))
+    mean, P = conditioned(
+        np.zeros(len(G)), G @ covariance @ G.T, slice(N, None), values, slice(0, N)
+    )
     state = Gaussian(np.zeros(N), np.eye(N))
     for k in range(steps):
         state = correct_after_noise(
-            predict(state, F, Q), values[K * k : K * (k + 1)], H, R, M).state
+            predict(state, F, Q), values[K * k : K * (k + 1)], H, R, M
+        ).state
     np.testing.assert_allclose(state.mean, mean, atol=1e-9)
     np.testing.assert_allclose(state.covariance, P, atol=1e-9)
 
@@ -98,8 +103,9 @@ def test_noise_shared_with_the_step_that_follows_is_exact_over_several_steps(see
         x[:, a : a + N] += np.eye(N)
     G = np.vstack([x, *rows])
     values = rng.normal(size=steps * K)
-    mean, P = conditioned(np.zeros(len(G)), G @ covariance @ G.T, slice(N, None), values,
-                          slice(0, N))
+    mean, P = conditioned(
+        np.zeros(len(G)), G @ covariance @ G.T, slice(N, None), values, slice(0, N)
+    )
     state = Gaussian(np.zeros(N), np.eye(N))
     for k in range(steps):
         state = correct_and_predict(state, values[K * k : K * (k + 1)], H, R, F, Q, M).state
@@ -123,8 +129,9 @@ def test_claimed_covariance_is_that_of_the_error_in_a_monte_carlo() -> None:
     sample = np.einsum("ri,rj->ij", errors, errors) / runs
     sigma = np.sqrt(np.diag(state.covariance))
     # a sample covariance's entries have a standard error below sigma_i sigma_j sqrt(2/runs)
-    assert np.all(np.abs(sample - state.covariance) < 5 * np.outer(sigma, sigma)
-                  * np.sqrt(2 / runs))
+    assert np.all(
+        np.abs(sample - state.covariance) < 5 * np.outer(sigma, sigma) * np.sqrt(2 / runs)
+    )
 
 
 def test_steady_covariance_is_where_the_filter_settles() -> None:

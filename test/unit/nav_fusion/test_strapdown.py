@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from nav_fusion import earth, strapdown
 from nav_fusion.discretize import exact
 from nav_fusion.earth import EARTH_RATE_RAD_S
 from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise, SlowTerm
@@ -12,12 +11,17 @@ from nav_fusion.solution import cross_matrix
 from nav_fusion.state import NAV, STRIDE, layout_of
 from scipy.spatial.transform import Rotation
 
-GYRO = AxisNoise(2e-4, (SlowTerm(0.01, float("inf"), 1e-5, "walk"),
-                        SlowTerm.gauss_markov(1e-3, 20.0, "gauss_markov")))
+from nav_fusion import earth, strapdown
+
+GYRO = AxisNoise(
+    2e-4,
+    (SlowTerm(0.01, float("inf"), 1e-5, "walk"), SlowTerm.gauss_markov(1e-3, 20.0, "gauss_markov")),
+)
 ACCEL = AxisNoise(3e-3, (SlowTerm.gauss_markov(0.02, 40.0, "gauss_markov"),))
 FIX = AidNoise(0.3, (SlowTerm.gauss_markov(0.8, 30.0, "gauss_markov"),))
 LAYOUT = layout_of(
-    NavigationNoise((GYRO,) * 3, (ACCEL,) * 3, (FIX,) * 3, (FIX,) * 3, FIX), False, False)
+    NavigationNoise((GYRO,) * 3, (ACCEL,) * 3, (FIX,) * 3, (FIX,) * 3, FIX), False, False
+)
 POSITION = earth.ecef_from_geodetic(0.8, 0.3, 500.0)
 
 
@@ -62,8 +66,9 @@ def test_the_structured_covariance_is_the_dense_exponentials(dt: float) -> None:
     earth.normal_gravity(POSITION, g)
     step = exact(*continuous(C, force), dt)
     for _ in range(round(1.0 / dt)):
-        strapdown.propagate_covariance(flat, C, force, POSITION, g, dt, LAYOUT.slow,
-                                       LAYOUT.gyro_psd, LAYOUT.accel_psd, work)
+        strapdown.propagate_covariance(
+            flat, C, force, POSITION, g, dt, LAYOUT.slow, LAYOUT.gyro_psd, LAYOUT.accel_psd, work
+        )
         dense = step.F @ dense @ step.F.T + step.Q
     P = flat.reshape(n, STRIDE)[:, :n]
     assert np.array_equal(P, P.T)
@@ -108,8 +113,9 @@ def test_a_turn_with_changing_force_is_integrated_to_second_order() -> None:
         gravity_v = np.zeros(3)
         for k in range(round(2.0 / dt)):
             before = v.copy()
-            strapdown.mechanise(r, v, q, body, body, force(k * dt), force((k + 1) * dt), dt, C, f_e,
-                                g)
+            strapdown.mechanise(
+                r, v, q, body, body, force(k * dt), force((k + 1) * dt), dt, C, f_e, g
+            )
             gravity_v += v - before - dt * f_e
         expected_v[0] = 3.0 / 2 * np.sin(4.0)
         expected_v[1] = 3.0 / 3 * (1 - np.cos(6.0))

@@ -24,25 +24,41 @@ def parser() -> Parser:
         _EXAMPLES,
     )
     arguments.add_argument(
-        "--model", nargs="+", action="extend", required=True, metavar="MODEL.yaml",
+        "--model",
+        nargs="+",
+        action="extend",
+        required=True,
+        metavar="MODEL.yaml",
         help="noise models, side by side",
     )
     arguments.add_argument("--output", required=True, metavar="DIR", help="folder for the results")
     arguments.add_argument("--duration", type=positive, default=300.0, metavar="S", help="(300)")
     arguments.add_argument(
-        "--temperature", type=float, default=10.0, metavar="K",
+        "--temperature",
+        type=float,
+        default=10.0,
+        metavar="K",
         help="change that a temperature effect is multiplied with (10)",
     )
     arguments.add_argument(
-        "--vibration", type=float, default=0.0, metavar="M_S2",
+        "--vibration",
+        type=float,
+        default=0.0,
+        metavar="M_S2",
         help="root mean square of vibration on the accelerometers, m/s^2 (0)",
     )
     arguments.add_argument(
-        "--turn-on-gyro", type=float, default=0.01, metavar="RAD_S",
+        "--turn-on-gyro",
+        type=float,
+        default=0.01,
+        metavar="RAD_S",
         help="standard deviation of the gyros' constant bias of a day (0.01)",
     )
     arguments.add_argument(
-        "--turn-on-accel", type=float, default=0.2, metavar="M_S2",
+        "--turn-on-accel",
+        type=float,
+        default=0.2,
+        metavar="M_S2",
         help="the same of the accelerometers (0.2)",
     )
     return arguments
@@ -76,9 +92,11 @@ def work(options: argparse.Namespace) -> None:
     write_text(folder / "report.html", render(page_of(budgets)))
     for budget in budgets:
         for s in budget.scenarios:
-            print(f"{budget.model}, {s.name}: after {s.time_s[-1]:.0f} s "
-                  f"{s.position_sigma_m[-1]:.3g} m, {s.velocity_sigma_m_s[-1]:.3g} m/s, "
-                  f"{s.heading_sigma_rad[-1] * 57.29578:.3g} deg (1 sigma)")
+            print(
+                f"{budget.model}, {s.name}: after {s.time_s[-1]:.0f} s "
+                f"{s.position_sigma_m[-1]:.3g} m, {s.velocity_sigma_m_s[-1]:.3g} m/s, "
+                f"{s.heading_sigma_rad[-1] * 57.29578:.3g} deg (1 sigma)"
+            )
         warn(budget.notes)
 
 

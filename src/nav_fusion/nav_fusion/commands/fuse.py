@@ -29,17 +29,25 @@ def parser() -> Parser:
     )
     arguments.add_argument("--bag", metavar="BAG", help="rosbag2 folder or .mcap file")
     arguments.add_argument(
-        "--model", metavar="MODEL.yaml",
+        "--model",
+        metavar="MODEL.yaml",
         help="noise model; without one the leading still part is identified, else stated MEMS "
         "values are used",
     )
     arguments.add_argument("--output", metavar="DIR", help="folder for the results")
     arguments.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", dest="settings",
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        dest="settings",
         help="a parameter of the filter, as in config/fuse.yaml",
     )
     arguments.add_argument(
-        "--topic", action="append", default=[], metavar="[KIND=]TOPIC",
+        "--topic",
+        action="append",
+        default=[],
+        metavar="[KIND=]TOPIC",
         help="topic to use; KIND is imu, fix, vel or mag; KIND= leaves that sensor out",
     )
     arguments.add_argument("--json", action="store_true", help="print fuse.json on stdout")
@@ -77,7 +85,9 @@ def work(options: argparse.Namespace) -> None:
 
 def _summary(options: argparse.Namespace, result) -> str:  # type: ignore[no-untyped-def]  # lazy
     s = result.status
-    nis = "-" if s.nis_mean is None else f"{s.nis_mean:.2f} ({s.nis_lower:.2f} to {s.nis_upper:.2f})"
+    nis = (
+        "-" if s.nis_mean is None else f"{s.nis_mean:.2f} ({s.nis_lower:.2f} to {s.nis_upper:.2f})"
+    )
     white = {None: "too few to tell", True: "white", False: "NOT white"}[s.white]
     end = result.solution
     sigma = end.pose_covariance[-1].diagonal() ** 0.5

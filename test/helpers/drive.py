@@ -1,4 +1,4 @@
-"""A drive for tests: rest, then a straight line east with gentle changes of speed, on a flat map."""
+"""A drive for tests: rest, then straight east with gentle changes of speed, on a flat map."""
 
 from __future__ import annotations
 
@@ -23,8 +23,13 @@ class Drive:
     fix: np.ndarray
 
 
-def drive(seconds: float = 30.0, rate_hz: float = 100.0, seed: int = 1, rest_s: float = 5.0,
-          noise_m: float = 0.3) -> Drive:
+def drive(
+    seconds: float = 30.0,
+    rate_hz: float = 100.0,
+    seed: int = 1,
+    rest_s: float = 5.0,
+    noise_m: float = 0.3,
+) -> Drive:
     """Make a drive; GNSS at 5 Hz, on IMU samples."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds * rate_hz)) / rate_hz
@@ -38,7 +43,8 @@ def drive(seconds: float = 30.0, rate_hz: float = 100.0, seed: int = 1, rest_s: 
     noise = rng.normal(0, noise_m, (k.size, 3))
     latitude = LATITUDE + np.degrees(noise[:, 1] / 6.37e6)
     longitude = LONGITUDE + np.degrees(
-        (east[k] + noise[:, 0]) / (EAST_M * np.cos(np.radians(LATITUDE))))
+        (east[k] + noise[:, 0]) / (EAST_M * np.cos(np.radians(LATITUDE)))
+    )
     fix = np.stack([latitude, longitude, ALTITUDE + noise[:, 2]], axis=1)
     stamp_ns = START_NS + np.rint(t * 1e9).astype(np.int64)
     return Drive(stamp_ns, rate, force, stamp_ns[k], fix)
@@ -51,8 +57,13 @@ def without_fixes(d: Drive, from_s: float, to_s: float) -> Drive:
     return replace(d, fix_ns=d.fix_ns[keep], fix=d.fix[keep])
 
 
-def play(engine: Engine, d: Drive, late_s: np.ndarray | float = 0.0, block: int = 1_000_000,
-         covariance: np.ndarray | None = None) -> Rows:
+def play(
+    engine: Engine,
+    d: Drive,
+    late_s: np.ndarray | float = 0.0,
+    block: int = 1_000_000,
+    covariance: np.ndarray | None = None,
+) -> Rows:
     """Feed a drive; each fix arrives ``late_s`` after its stamp, samples in blocks of a size."""
     arrival = d.fix_ns + np.rint(np.broadcast_to(late_s, d.fix_ns.shape) * 1e9).astype(np.int64)
     rows = []
