@@ -6,12 +6,15 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from imu_noise_id.curves import model_psd
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.errors import InputError
 from imu_noise_id.model import ChannelModel, NoiseModel
 
 AXES = ("x", "y", "z")
 LEVEL = ("east", "north", "up")
+SLOW_NAMES = ("gauss_markov", "rate_random_walk", "bias_instability", "random_telegraph")
+"""Effects that are states of the filter."""
 
 
 @dataclass(frozen=True)
@@ -270,8 +273,25 @@ def _aid(model: NoiseModel, name: str, rate_hz: float, notes: list[str]) -> AidN
             notes.append(f"{name}: random walk taken as Gauss-Markov of 1000 s")
         else:
             terms.append(term)
-    white = white_density(channel) * math.sqrt(channel.rate_hz or rate_hz)
-    return AidNoise(white, tuple(terms))
+    white, colour = _fast_part(channel, 1.0 / (channel.rate_hz or rate_hz))
+    return AidNoise(white, (*terms, *colour))
+
+
+def _fast_part(channel: ChannelModel, sample_time_s: float) -> tuple[float, tuple[SlowTerm, ...]]:
+    """Sigma of the white part of an aid, and the colour of what is faster than its slow terms.
+
+    What a receiver's own filter, a resonance or rounding leaves has no state of its own here:
+    where it is not white it becomes one Gauss-Markov term of the same variance V and the same
+    density at 0 Hz, T_c = S(0)/(2 V), so that neither the gate nor the mean is fooled.
+    """
+    fast = replace(channel, effects=tuple(f for f in channel.effects if f.name not in SLOW_NAMES))
+    f = (np.arange(2048) + 0.5) / (4096.0 * sample_time_s)
+    psd = model_psd(fast, f, sample_time_s)
+    variance = float(np.mean(psd)) / sample_time_s
+    time_s = float(psd[0]) / (2.0 * variance) if variance > 0 else 0.0
+    if time_s < sample_time_s:
+        return math.sqrt(variance), ()
+    return 0.0, (SlowTerm.gauss_markov(math.sqrt(variance), time_s, "fast_colour"),)
 
 
 def _three(found: list, default: tuple) -> tuple:

@@ -7,12 +7,13 @@ import math
 import numpy as np
 import pytest
 from imu_noise_id.effects.gauss_markov import GaussMarkov
+from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.quantization import Quantization
 from imu_noise_id.effects.rate_random_walk import RateRandomWalk
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.errors import InputError
 from imu_noise_id.model import ChannelModel, FittedEffect, NoiseModel
-from nav_fusion.noise import TurnOn, flicker_terms, from_model, mems_defaults
+from nav_fusion.noise import LEVEL, TurnOn, flicker_terms, from_model, mems_defaults
 from nav_fusion.state import layout_of
 
 UNITS = {"angular_velocity": "rad/s", "linear_acceleration": "m/s^2", "position": "m"}
@@ -62,6 +63,18 @@ def test_a_density_of_the_receiver_becomes_the_sigma_of_a_fix() -> None:
     noise = from_model(NoiseModel(tuple(imu(WhiteNoise(1e-3)) + fixes)))
     assert noise.position[0].white_sigma == pytest.approx(0.1 * math.sqrt(10.0))
     assert not noise.position_claimed
+
+
+def test_a_receivers_fast_colour_keeps_its_variance_as_one_gauss_markov_term() -> None:
+    band = NarrowBand(frequency_hz=0.2, bandwidth_hz=0.1, sigma=0.4)
+    noise = from_model(
+        NoiseModel((*imu(WhiteNoise(1e-4)), *(channel(f"position.{a}", band) for a in LEVEL)))
+    )
+    east = noise.position[0]
+    assert east.white_sigma**2 + sum(t.initial_sigma**2 for t in east.terms) == pytest.approx(
+        0.16, rel=0.02
+    )
+    assert len(east.terms) == 1
 
 
 def test_without_position_channels_the_claim_is_used_and_said() -> None:
