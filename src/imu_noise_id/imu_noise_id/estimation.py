@@ -26,7 +26,6 @@ from imu_noise_id.whittle import Fit, spectrum_of
 
 SEED = 952
 SMOOTH_DRAWS = 2
-LINE_DOF = 3.0
 SKIRT = 0.15
 NARROW_HZ = 1.0
 LONGEST_WHITE = 2**20
@@ -226,7 +225,7 @@ def _spent(grid: Ordinates, lines: tuple[Line, ...], share: float) -> Ordinates:
     dof = grid.dof.copy()
     for line in lines:
         nearest = int(np.argmin(np.abs(grid.frequency_hz - line.frequency_hz)))
-        dof[nearest] = max(dof[nearest] - LINE_DOF, 0.1 * dof[nearest])
+        dof[nearest] = max(dof[nearest] - line.dof, 0.1 * dof[nearest])
     power = grid.power * (grid.dof / dof)
     return dataclasses.replace(grid, dof=share * dof, power=power)
 

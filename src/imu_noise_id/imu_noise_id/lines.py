@@ -10,6 +10,7 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
 from imu_noise_id.ordinates import Ordinates
@@ -23,6 +24,10 @@ NEIGHBOURS = 8
 BLOCKS = 256
 MOST = 40
 ROUNDS = 6
+CARRIER = 0.6
+"""Share of the power about a peak that its carrier holds in a line whose phase wanders; noise whose
+bandwidth is 1/T or more leaves the carrier 0.44 of it or less on average."""
+LINE_DOF = 3.0
 
 
 @dataclass(frozen=True)
@@ -34,17 +39,31 @@ class Line:
     frequency_hz, amplitude, phase_rad : float
     psd : float
         Two-sided level of the noise about it.
+    wander : (b,) complex128 or None
+        Course of its relative amplitude and phase at the middles of b equal blocks, where these
+        wander within the record: slower than ``NEIGHBOURS`` cycles, else it would be no line.
     """
 
     frequency_hz: float
     amplitude: float
     phase_rad: float
     psd: float
+    wander: NDArray[np.complex128] | None = None
+
+    @property
+    def dof(self) -> float:
+        """Degrees of freedom that its fit takes."""
+        return LINE_DOF if self.wander is None else LINE_DOF + 2.0 * (2 * NEIGHBOURS)
 
     def course(self, n: int, sample_time_s: float) -> Floats:
         """Return its samples, (n,)."""
-        angle = 2.0 * np.pi * self.frequency_hz * sample_time_s * np.arange(n)
-        return self.amplitude * np.cos(angle + self.phase_rad)
+        angle = 2.0 * np.pi * self.frequency_hz * sample_time_s * np.arange(n) + self.phase_rad
+        if self.wander is None:
+            return self.amplitude * np.cos(angle)
+        size = max(n // self.wander.size, 1)
+        middle = (np.arange(self.wander.size) + 0.5) * size - 0.5
+        wander = np.interp(np.arange(n), middle, self.wander)
+        return self.amplitude * np.real(wander * np.exp(1j * angle))
 
     def standard_errors(self, duration_s: float) -> tuple[float, float]:
         """Of frequency and amplitude, at the Cramer-Rao bound (Rife and Boorstyn 1974)."""
@@ -129,7 +148,7 @@ def _coloured(line: Line, ordinates: Ordinates, psd: Floats) -> Line:
     nearest = int(np.argmin(np.abs(ordinates.frequency_hz - line.frequency_hz)))
     level = float(psd[nearest])
     amplitude = line.amplitude * np.sqrt(level / ordinates.sample_time_s)
-    return Line(line.frequency_hz, float(amplitude), line.phase_rad, level)
+    return dataclasses.replace(line, amplitude=float(amplitude), psd=level)
 
 
 def _near(frequency: float, others: list[float], duration_s: float) -> bool:
@@ -167,7 +186,7 @@ def _fit_line(white: Floats, sample_time_s: float, frequency_hz: float) -> tuple
     """Sinusoid about a frequency, and whether it is a line.
 
     It is one if it stands out of the level within a quarter of the block rate, and leaves no more
-    than that level on the ordinates beside it.
+    than that level on the ordinates beside it, or little beside what it holds itself.
     """
     n = white.size
     size = max(n // BLOCKS, 1)
@@ -189,7 +208,20 @@ def _fit_line(white: Floats, sample_time_s: float, frequency_hz: float) -> tuple
     own = abs(count * mean) ** 2
     limit = np.log(2.0 * NEIGHBOURS) + MARGIN + 1e-3 * own / local
     stands_out = own > (np.log(n / 2.0) + MARGIN) * local
-    return line, bool(stands_out and np.all(beside < limit * local))
+    if np.all(beside < limit * local):
+        return line, bool(stands_out)
+    wanders = own > CARRIER * (own + beside.sum())
+    return _wandering(line, baseband), bool(stands_out and wanders)
+
+
+def _wandering(line: Line, baseband: NDArray[np.complex128]) -> Line:
+    """Return a line with the slow course of its amplitude and phase."""
+    coefficients = fft.dct(baseband, norm="ortho")
+    coefficients[2 * NEIGHBOURS :] = 0.0
+    slow = fft.idct(coefficients, norm="ortho")
+    rms = float(np.sqrt(np.mean(np.abs(slow) ** 2)))
+    wander = slow * np.exp(-1j * line.phase_rad) / rms
+    return dataclasses.replace(line, amplitude=2.0 * rms, wander=wander)
 
 
 def _offset(baseband: np.ndarray, time_s: Floats) -> float:

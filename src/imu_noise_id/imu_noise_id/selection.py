@@ -18,7 +18,7 @@ from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.quantization import Quantization
 from imu_noise_id.effects.rate_random_walk import RateRandomWalk
 from imu_noise_id.effects.white_noise import WhiteNoise
-from imu_noise_id.ordinates import Ordinates
+from imu_noise_id.ordinates import LINEAR_WIDTH_HZ, Ordinates
 from imu_noise_id.recording import Floats
 from imu_noise_id.whittle import Fit, fit, log_covariance, log_likelihood
 
@@ -44,7 +44,15 @@ LEAST_EFFECTS = 1
 
 def worth(candidate: Fit) -> float:
     """Return 2 l minus the prices of the effects."""
-    return 2.0 * candidate.log_likelihood - sum(PRICE[e.name] for e in candidate.effects)
+    return 2.0 * candidate.log_likelihood - sum(price(e) for e in candidate.effects)
+
+
+def price(effect: Effect) -> float:
+    """Price of an effect: a band narrower than a bin was sought at more frequencies than bins."""
+    if not isinstance(effect, NarrowBand):
+        return PRICE[effect.name]
+    places = max(LINEAR_WIDTH_HZ / effect.bandwidth_hz, 1.0)
+    return PRICE[effect.name] + 2.0 * float(np.log(places))
 
 
 def white_start(ordinates: Ordinates) -> WhiteNoise:
@@ -161,7 +169,7 @@ def _beyond_doubt(current: Fit) -> list[bool]:
         at = [used + i for i, name in enumerate(free) if name in STRENGTHS]
         used += len(free)
         known = min((4.0 * covariance[i, i] for i in at), default=np.inf)
-        out.append(bool(known * 4.0 * PRICE[effect.name] < 1.0))
+        out.append(bool(known * 4.0 * price(effect) < 1.0))
     return out
 
 

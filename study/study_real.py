@@ -1,0 +1,112 @@
+"""Identification on real recordings at rest: does the model's Allan curve lie in what was measured?
+
+Writes ``docs/study_real.md``.  Every recording of ``../shared/data`` is written into a bag and read
+back as any user's would be, motion and gaps left out by the reader.
+
+    python study/study_real.py [--only mpu6050 ...]
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "test" / "helpers"))
+
+from bag_making import START_NS, imu, npz_bag  # noqa: E402
+from imu_noise_id.bag_writer import write_bag  # noqa: E402
+from imu_noise_id.bags import read_recording  # noqa: E402
+from imu_noise_id.curves import model_allan_variance  # noqa: E402
+from imu_noise_id.identify import ChannelResult, identify_recording  # noqa: E402
+
+DATA = ROOT.parent / "shared" / "data"
+RAILWAY = "eth_railway_asm330_1k6"
+ACCEL_COUNT = 9.80665 / 16384.0
+GYRO_COUNT = np.deg2rad(0.035)
+"""The railway's scale of the gyro is not known; the data sheet's for 1000 deg/s."""
+
+HEAD = """# Identification on real recordings
+
+Written by `study/study_real.py` from the recordings of `../shared/data` (not part of the project),
+each written into a bag and read back.  *Inside* is the share of averaging times at which the model's
+Allan deviation lies in the measured 95 % interval; below 0.9 the table says where it leaves it.
+
+| recording | channel | still s | effects | inside | first misfit |
+|---|---|---|---|---|---|
+"""
+
+
+def bags(source: Path, folder: Path) -> list[Path]:
+    """Bags of one recording; the railway's runs of raw counts are one each."""
+    if source.stem != RAILWAY:
+        return [npz_bag(source, folder)]
+    data = np.load(source)
+    made = []
+    for run in range(1, 13):
+        time_s = data[f"run{run}_t"]
+        stamp_ns = START_NS + np.rint((time_s - time_s[0]) * 1e9).astype(np.int64)
+        raw = data[f"run{run}_raw"].astype(float)
+        path = folder / f"{source.stem}_{run}"
+        write_bag(path, [imu(stamp_ns, raw[:, :3] * GYRO_COUNT, raw[:, 3:] * ACCEL_COUNT)])
+        made.append(path)
+    return made
+
+
+def inside(result: ChannelResult) -> tuple[float, str]:
+    """Share of averaging times inside the intervals and the first that is not."""
+    curve = result.allan
+    if curve is None or not result.model.effects:
+        return float("nan"), "no model"
+    dt = result.series.sample_time_s
+    model = np.sqrt(model_allan_variance(result.model, curve.tau_s, dt))
+    good = (model >= curve.lower) & (model <= curve.upper)
+    out = np.flatnonzero(~good)
+    if out.size == 0:
+        return 1.0, ""
+    at = out[np.argmax(np.abs(np.log(model[out] / curve.deviation[out])))]
+    ratio = model[at] / curve.deviation[at]
+    where = f"{out.size} of {good.size}, worst at {curve.tau_s[at]:.3g} s: {ratio:.2f} of measured"
+    return float(np.mean(good)), where
+
+
+def rows(path: Path, name: str) -> list[str]:
+    """Table rows of one bag."""
+    begun = time.perf_counter()
+    found = identify_recording(read_recording(path))
+    print(f"{name}: {time.perf_counter() - begun:.1f} s", *found.notes, flush=True)
+    out = []
+    for result in found.channels:
+        share, where = inside(result)
+        effects = ", ".join(f.name for f in result.model.effects) or "none"
+        still_s = result.series.observed.sum() * result.series.sample_time_s
+        shown = "" if np.isnan(share) else f"{share:.2f}"
+        row = (name, result.channel.name, f"{still_s:.1f}", effects, shown, where)
+        out.append("| " + " | ".join(row) + " |")
+        print(out[-1], flush=True)
+    return out
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", nargs="*", default=[""])
+    parser.add_argument("--output", type=Path, default=ROOT / "docs" / "study_real.md")
+    options = parser.parse_args()
+    if not DATA.is_dir():
+        sys.exit(f"{DATA}: missing, nothing to do")
+    table = []
+    with tempfile.TemporaryDirectory() as folder:
+        for source in sorted(DATA.glob("*.npz")):
+            if any(source.stem.startswith(only) for only in options.only):
+                for path in bags(source, Path(folder)):
+                    table += rows(path, path.name)
+    options.output.write_text(HEAD + "\n".join(table) + "\n")
+
+
+if __name__ == "__main__":
+    main()
