@@ -12,6 +12,8 @@ from scipy.linalg import block_diag
 from imu_noise_id.effects.cross_axis import CrossAxis, correlation
 from imu_noise_id.model import ChannelModel, Estimate, FittedEffect
 
+DERIVED = ("heading",)
+"""Computed from other channels: what they share with those says nothing of the sensor."""
 CLEAR = 5.0
 LEAST = 0.01
 
@@ -29,6 +31,8 @@ def cross_axes(
     found: dict[str, tuple[FittedEffect, ...]] = {}
     for (topic, name, white), (other_topic, other, other_white) in combinations(residuals, 2):
         if topic != other_topic or white.size != other_white.size or white.size == 0:
+            continue
+        if name in DERIVED or other in DERIVED:
             continue
         value, error = correlation(white.astype(np.float64), other_white.astype(np.float64))
         if abs(value) < max(CLEAR * error, LEAST):
