@@ -151,7 +151,8 @@ def budget_of(
     InputError
         When the model lacks an inertial channel.
     """
-    noise = from_model(model, environment.turn_on, aid_rate_hz)
+    # turn-on bias stands by itself: in the filter it starts the walk, and would be the walk's here
+    noise = from_model(model, TurnOn(0.0, 0.0), aid_rate_hz)
     if noise.position_claimed:
         scale = 2.5
         noise = replace(
@@ -231,7 +232,7 @@ def _other_sources(
     and a white part, its spectrum at 0 Hz; quantization leaves Q^2 and no white part.
     """
     sources: list[Source] = []
-    constants: list[tuple[int, SlowTerm, str]] = []
+    constants = _turn_on(environment.turn_on)
     for base, sensor, prefix, start in (
         (0, "gyro", "angular_velocity", 6),
         (3, "accelerometer", "linear_acceleration", 3),
@@ -264,6 +265,18 @@ def _other_sources(
                 if sigma > 0:
                     constants.append((base + k, SlowTerm(sigma, math.inf, 0.0, effect), sensor))
     return _merged(sources), constants
+
+
+def _turn_on(turn_on: TurnOn) -> list[tuple[int, SlowTerm, str]]:
+    return [
+        (base + k, SlowTerm(sigma, math.inf, 0.0, "turn_on_bias"), sensor)
+        for base, sensor, sigma in (
+            (0, "gyro", turn_on.gyro_sigma_rad_s),
+            (3, "accelerometer", turn_on.accel_sigma_m_s2),
+        )
+        if sigma > 0
+        for k in range(3)
+    ]
 
 
 def _effects(channel: ChannelModel) -> list[tuple[str, dict[str, float]]]:

@@ -31,15 +31,17 @@ def mean_band(dof: int, count: int, confidence: float = 0.95) -> tuple[float, fl
     return float(low), float(high)
 
 
-def portmanteau(lag_sums: Floats, count: float, components: int) -> float:
+def portmanteau(lag_sums: Floats, count: float, components: int, squares: float) -> float:
     """Box-Pierce statistic of whitened innovations: n sum over lags of the squared correlation.
 
-    ``lag_sums`` (L,) are sums of e_k . e_{k-l} over ``components``; each, divided by the root of
-    its count and of the components, is close to standard normal for a true filter.
+    ``lag_sums`` (L,) are sums of e_k . e_{k-l} over ``components`` and ``squares`` that of
+    e_k . e_k, the NIS: with them the scale falls out, and innovations that are merely too small
+    for their covariance are neither white nor coloured by that.
     """
     lags = np.arange(1, lag_sums.size + 1)
     pairs = np.maximum(count - lags, 1.0)
-    return float(np.sum(lag_sums**2 / (components * pairs)))
+    variance = squares / (components * count)
+    return float(np.sum((lag_sums / variance) ** 2 / (components * pairs)))
 
 
 def whiteness_limit(lags: int, confidence: float = 0.99) -> float:
@@ -75,7 +77,9 @@ def status_of(engine: Engine) -> Status:
     fixes = dof // 3
     band = mean_band(3, fixes) if fixes else (None, None)
     lags = s[observe.WHITE_SUM : observe.WHITE_SUM + observe.LAGS]
-    whiteness = portmanteau(lags, s[observe.WHITE_COUNT], 3) if fixes >= 20 else None
+    squares, count = float(s[observe.NIS_SUM]), float(s[observe.WHITE_COUNT])
+    told = fixes >= 20 and squares > 0
+    whiteness = portmanteau(lags, count, 3, squares) if told else None
     limit = whiteness_limit(observe.LAGS)
     total = {slot: int(past[slot] + s[slot]) for slot in observe.TOTALS}
     alive = 0 if running is None else int((running.bank[:, ALIVE] > 0).sum())

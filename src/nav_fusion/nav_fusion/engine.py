@@ -177,6 +177,8 @@ class Engine:
         stamp_ns = np.asarray(stamp_ns, dtype=np.int64).reshape(-1)
         rate = np.asarray(rate, dtype=float).reshape(-1, 3)
         force = np.asarray(force, dtype=float).reshape(-1, 3)
+        if self._is_plain(stamp_ns, rate, force):
+            return self._take(stamp_ns, rate, force)
         parts: list[Rows] = []
         start = 0
         while start < stamp_ns.size:
@@ -308,6 +310,18 @@ class Engine:
         self._out_ns: Stamps = np.zeros(0, dtype=np.int64)
         self._out: Floats = np.zeros((0, core.OUT_SIZE))
 
+    def _is_plain(self, stamp_ns: Stamps, rate: Floats, force: Floats) -> bool:
+        """Whether a block is as it should be, which most are: one quick look in place of many."""
+        if stamp_ns.size == 0 or self._last_ns is None:
+            return False
+        step = np.diff(stamp_ns, prepend=self._last_ns)
+        return bool(
+            step.min() > 0
+            and step.max() <= self.parameters.longest_gap_s * 1e9
+            and np.isfinite(rate).all()
+            and np.isfinite(force).all()
+        )
+
     def _before_jump(self, stamp_ns: Stamps, start: int) -> int:
         """Index of the first sample from ``start`` on whose stamp jumps, or the size."""
         last = int(stamp_ns[start]) if self._last_ns is None else self._last_ns
@@ -337,6 +351,10 @@ class Engine:
         keep = self._usable_samples(stamp_ns, rate, force)
         if not keep.all():
             stamp_ns, rate, force = stamp_ns[keep], rate[keep], force[keep]
+        return self._take(stamp_ns, rate, force)
+
+    def _take(self, stamp_ns: Stamps, rate: Floats, force: Floats) -> Rows:
+        """Take samples that are finite and in order."""
         if stamp_ns.size == 0:
             return _no_rows()
         if self.parameters.mounting_rpy_rad != (0.0, 0.0, 0.0):

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from imu_noise_id.effects.gauss_markov import GaussMarkov
+from imu_noise_id.effects.rate_random_walk import RateRandomWalk
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.errors import InputError
 from imu_noise_id.model import ChannelModel, FittedEffect, NoiseModel
@@ -92,8 +93,9 @@ def test_aided_covariance_is_that_of_a_monte_carlo() -> None:
     assert scenario.position_sigma_m[-1] == pytest.approx(math.sqrt(P[0, 0]), rel=5e-3)
 
 
-def test_turn_on_bias_stands_beside_what_a_static_record_shows() -> None:
-    imu = model((WhiteNoise(1e-4),), (WhiteNoise(2e-3),))
+@pytest.mark.parametrize("walk", [(), (RateRandomWalk(1e-6),)])
+def test_turn_on_bias_stands_beside_what_a_static_record_shows(walk: tuple) -> None:
+    imu = model((WhiteNoise(1e-4), *walk), (WhiteNoise(2e-3),))
     free, stationary, _ = budget_of(imu, duration_s=60.0).scenarios
     assert free.position_sigma_m[-1] > 10 * stationary.position_sigma_m[-1]
     top = max(free.shares, key=lambda s: s.position[-1])
