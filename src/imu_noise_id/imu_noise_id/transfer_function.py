@@ -144,17 +144,24 @@ def output_sigma(transfer: DiscreteTransfer) -> float | None:
     A[:, 0] = -a[1:]
     B = (b[1:] - a[1:] * b[0])[:, None]
     P = stationary_covariance(A, B @ B.T)
-    return float(np.sqrt(P[0, 0] + b[0] ** 2))
+    sigma = float(np.sqrt(P[0, 0] + b[0] ** 2))
+    return sigma if np.isfinite(sigma) else None
 
 
 def stationary_covariance(A: Floats, Q: Floats) -> Floats:
-    """Solve P = A P A' + Q for a stable A by doubling, which poles next to 1 do not upset."""
+    """Solve P = A P A' + Q for a stable A by doubling, which poles next to 1 do not upset.
+
+    Infinite throughout where a pole is 1 to double precision, so that there is no such P.
+    """
     P, power = Q, A
-    for _ in range(64):
-        step = power @ P @ power.T
-        P, power = P + step, power @ power
-        if np.abs(step).max(initial=0.0) <= 1e-15 * np.abs(P).max(initial=0.0):
-            break
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(64):
+            step = power @ P @ power.T
+            P, power = P + step, power @ power
+            if not np.isfinite(P).all():
+                return np.full_like(P, np.inf)
+            if np.abs(step).max(initial=0.0) <= 1e-15 * np.abs(P).max(initial=0.0):
+                break
     return P
 
 

@@ -15,6 +15,7 @@ from imu_noise_id.transfer_function import (
     random_walk,
     rise_time_s,
     settling_time_s,
+    stationary_covariance,
     step_response,
     to_continuous,
     to_discrete,
@@ -159,3 +160,8 @@ def test_a_constant_gain_has_settled_at_once_and_has_no_bandwidth():
 def test_a_zero_denominator_is_refused():
     with pytest.raises(ValueError, match="denominator"):
         to_continuous(DiscreteTransfer(np.ones(1), np.zeros(2), 0.01))
+
+
+def test_a_pole_beyond_one_has_no_stationary_covariance_and_no_warning() -> None:
+    P = stationary_covariance(np.array([[1.0 + 1e-9]]), np.eye(1))
+    assert np.isinf(P).all()
