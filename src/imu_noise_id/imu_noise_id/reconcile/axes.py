@@ -12,6 +12,7 @@ from imu_noise_id.effects.cross_axis import CrossAxis
 from imu_noise_id.model import ChannelModel
 from imu_noise_id.reconcile.battery import Whitened
 from imu_noise_id.reconcile.null import log_p_of
+from imu_noise_id.reconcile.prior import TYPED_STD_ERROR
 from imu_noise_id.recording import Floats
 
 BANDS = 120
@@ -75,5 +76,6 @@ def _given(models: dict[str, ChannelModel], first: str, second: str) -> tuple[fl
     for name, other in ((first, second), (second, first)):
         for fitted in models[name].effects:
             if isinstance(fitted.effect, CrossAxis) and fitted.effect.other == other:
-                return fitted.effect.correlation, fitted.estimates[1].std_error or 0.0
+                said = fitted.effect.correlation
+                return said, fitted.estimates[1].std_error or TYPED_STD_ERROR * abs(said)
     return 0.0, 0.0

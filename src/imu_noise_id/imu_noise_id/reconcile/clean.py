@@ -11,6 +11,7 @@ from imu_noise_id.effects.base import Effect, TransportEffect
 from imu_noise_id.effects.held_samples import HeldSamples
 from imu_noise_id.effects.outliers import Outliers
 from imu_noise_id.effects.output_rounding import OutputRounding
+from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
 from imu_noise_id.model import ChannelModel
 from imu_noise_id.ordinates import fast_length
@@ -30,10 +31,11 @@ from imu_noise_id.reconcile.contamination import (
     timing_changes,
 )
 from imu_noise_id.reconcile.explain import quieten
-from imu_noise_id.reconcile.null import load_null, z_of
+from imu_noise_id.reconcile.lines import PRESENT_NATS, line_index, steadied
+from imu_noise_id.reconcile.null import load_null, log_p_of, z_of
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE, Where
 from imu_noise_id.reconcile.state import State, analyse
-from imu_noise_id.reconcile.work import Work, drafted, initial_state
+from imu_noise_id.reconcile.work import TYPED_SIZE_ERROR, Work, drafted, initial_state
 from imu_noise_id.recording import Channel, Floats, Recording
 from imu_noise_id.series import Series, to_series
 
@@ -43,6 +45,7 @@ STRETCHES = 32
 CLUSTERED_LOG_P = -9.0
 TAILS_LOG_P = -14.0
 MOST_HITS = 0.02
+GIVEN_LOG_P = float(np.log(1e-4))
 
 
 def open_topic(
@@ -179,7 +182,7 @@ def _settle(
         work = drafted(work, after, change.action, change.effect, _finding(change))
     if not clipped and effects.get("saturation"):
         work = _unclip(work, effects["saturation"], rng)
-    work = _given_burst(work)
+    work = _given_lines(_given_burst(work))
     return answer_hits(work, rng)
 
 
@@ -225,6 +228,37 @@ def _given_burst(work: Work) -> Work:
             quiet = quieten(work.state.values, first, last + 1, ratio, smooth)
             after = work.analysed(work.state.with_values(quiet))
         work = drafted(before, after, change.action, change.effect, _finding(change))
+    return work
+
+
+def _given_lines(work: Work) -> Work:
+    """Take the wander of the model's lines out, and say where a line is not as large as given."""
+    for fitted in work.model.effects:
+        line = fitted.effect
+        if not isinstance(line, Periodic):
+            continue
+        index = line_index(work.state, line.frequency_hz)
+        if index is None:
+            continue
+        amplitude = float(np.hypot(*work.found.sizes[index : index + 2]))
+        error = float(np.mean(work.found.errors[index : index + 2]))
+        steady, wander = steadied(work.state, work.found, index)
+        work = work.analysed(steady) if wander else work
+        known = fitted.estimates[1].std_error or 0.0
+        scatter = np.sqrt(known**2 + error**2 + (TYPED_SIZE_ERROR * line.amplitude) ** 2)
+        z = (amplitude - line.amplitude) / float(scatter)
+        if log_p_of(z) > GIVEN_LOG_P:
+            continue
+        seen = work.state.columns[index].effect
+        assert isinstance(seen, Periodic)
+        place = Where("spectrum", seen.frequency_hz, seen.frequency_hz, "Hz", z)
+        gone = 0.5 * (amplitude / error) ** 2 < PRESENT_NATS
+        effect = line if gone else seen.replace(amplitude=amplitude)
+        change = Change(REMOVE if gone else REFIT, effect, log_p_of(z), place)
+        before = replace(work, unmet=(*work.unmet, _finding(change)))
+        columns = (*work.state.columns[:index], *work.state.columns[index + 2 :])
+        after = work.analysed(replace(work.state, columns=columns)) if gone else work
+        work = drafted(before, after, change.action, effect, _finding(change))
     return work
 
 

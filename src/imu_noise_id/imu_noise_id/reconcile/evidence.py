@@ -6,15 +6,7 @@ from collections.abc import Callable
 
 from imu_noise_id.effects.base import Effect
 from imu_noise_id.reconcile.result import ADD, REFIT
-
-SENSORS = {
-    "angular_velocity": "gyroscope",
-    "linear_acceleration": "accelerometer",
-    "magnetic_field": "magnetometer",
-    "position": "position",
-    "velocity": "velocity",
-    "heading": "heading",
-}
+from imu_noise_id.wording import channel_label
 
 _THINGS: dict[str, Callable[[dict[str, float], str], str]] = {
     "white_noise": lambda v, u: f"white noise of {v['density']:.3g} {u}/sqrt(Hz)",
@@ -49,12 +41,6 @@ _THINGS: dict[str, Callable[[dict[str, float], str], str]] = {
 }
 
 
-def channel_title(name: str) -> str:
-    """``linear_acceleration.x`` as people say it: accelerometer x."""
-    kind, _, axis = name.partition(".")
-    return f"{SENSORS.get(kind, kind)} {axis}".strip()
-
-
 def sentence(
     name: str,
     unit: str,
@@ -79,7 +65,7 @@ def sentence(
     values = {p.name: getattr(effect, p.name) for p in effect.parameters}
     if effect.name == "cross_axis":
         thing = (
-            f"noise shared with {channel_title(str(values['other']))} "
+            f"noise shared with {channel_label(str(values['other']))} "
             f"(correlation {values['correlation']:.3f})"
         )
     else:
@@ -92,4 +78,4 @@ def sentence(
         what = f"{thing} is in the model and not in the recording"
     between = f"; between {effect.name} and {rival}" if rival else ""
     gap = f"gap {unseen[0]:.1f} -> {unseen[1]:.1f} on unseen data{between}"
-    return f"{channel_title(name)}: {what} ({gap})"
+    return f"{channel_label(name)}: {what} ({gap})"

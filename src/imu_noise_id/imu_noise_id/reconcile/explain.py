@@ -22,6 +22,7 @@ from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.ordinates import Residual
 from imu_noise_id.reconcile.battery import BURST_BLOCKS
 from imu_noise_id.reconcile.compare import step_scores
+from imu_noise_id.reconcile.lines import steadied
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, SLOW, without
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
 from imu_noise_id.reconcile.state import Analysis, Column, State, analyse, course_column
@@ -191,6 +192,10 @@ def _lines(state: State, found: Analysis) -> list[Candidate]:
     trial = _candidate(ADD, pair[0].effect, 0.0, found, grown)
     amplitude = float(np.hypot(*trial.found.sizes[-2:]))
     price = 2.0 * PRICE_PER_PARAMETER + LINE_PRICE
+    steady, wander = steadied(trial.state, trial.found, len(state.columns))
+    if wander:
+        trial = _candidate(ADD, pair[0].effect, 0.0, found, steady)
+        price += wander
     return [replace(trial, effect=Periodic(frequency_hz, max(amplitude, 1e-300)), price=price)]
 
 
@@ -297,7 +302,20 @@ def _refits(state: State, found: Analysis) -> list[Candidate]:
         freed = replace(state, effects=found.fit.effects, prior=without(state.prior, rows))
         trial = _candidate(REFIT, effect, price, found, freed)
         out.append(replace(trial, effect=trial.found.fit.effects[index]))
+    for index, column in enumerate(state.columns):
+        if column.given and np.isfinite(column.std_error):
+            free = replace(column, size=0.0, std_error=np.inf)
+            columns = (*state.columns[:index], free, *state.columns[index + 1 :])
+            freed = replace(state, columns=columns, effects=found.fit.effects)
+            trial = _candidate(REFIT, column.effect, PRICE_PER_PARAMETER, found, freed)
+            effect = _sized(column.effect, float(trial.found.sizes[index]))
+            out.append(replace(trial, effect=effect))
     return out
+
+
+def _sized(effect: Effect, size: float) -> Effect:
+    """A course with its last parameter, to which it is proportional, set."""
+    return effect.replace(**{effect.parameters[-1].name: size})
 
 
 def _removals(state: State, found: Analysis) -> list[Candidate]:
@@ -324,7 +342,8 @@ def _removals(state: State, found: Analysis) -> list[Candidate]:
         if column.given:
             columns = state.columns[:index] + state.columns[index + 1 :]
             fewer = replace(state, columns=columns, effects=found.fit.effects)
-            out.append(_candidate(REMOVE, column.effect, 0.0, found, fewer))
+            gone = _sized(column.effect, column.size)
+            out.append(_candidate(REMOVE, gone, 0.0, found, fewer))
     return out
 
 

@@ -16,7 +16,14 @@ from imu_noise_id.reconcile.compare import Finding, Findings
 from imu_noise_id.reconcile.explain import Candidate, candidates
 from imu_noise_id.reconcile.mended import channel_result, mended_model, unmodelled
 from imu_noise_id.reconcile.null import z_of
-from imu_noise_id.reconcile.result import ADD, REFIT, ChannelReconciliation, Reconciliation, Where
+from imu_noise_id.reconcile.result import (
+    ADD,
+    REFIT,
+    REMOVE,
+    ChannelReconciliation,
+    Reconciliation,
+    Where,
+)
 from imu_noise_id.reconcile.work import Work, drafted
 from imu_noise_id.recording import Channel, Recording
 
@@ -26,6 +33,7 @@ LEAST_GAIN = 6.0
 MOST_STEPS = 6
 TIES_SHARE = 0.15
 TIMING_SHARE = 0.05
+GONE = 4.0
 
 
 def reconcile_recording(
@@ -134,9 +142,11 @@ def _tie(
 def _tied(work: Work, other: str, tie: Tie) -> Work:
     z = z_of(tie.log_p)
     finding = Finding("cross_axis", tie.log_p, z, Where("axes", tie.value, tie.value, "1", z))
-    action = REFIT if tie.given else ADD
+    gone = tie.given != 0.0 and abs(tie.value) < GONE * tie.std_error
+    action = REMOVE if gone else REFIT if tie.given else ADD
     before = replace(work, unmet=(*work.unmet, finding))
-    return drafted(before, work, action, CrossAxis(other, tie.value), finding)
+    effect = CrossAxis(other, tie.given if gone else tie.value)
+    return drafted(before, work, action, effect, finding)
 
 
 def explain(work: Work, log_level: float) -> Work:

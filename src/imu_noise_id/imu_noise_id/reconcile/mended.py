@@ -82,20 +82,20 @@ def mended_model(model: NoiseModel, works: dict[str, Work], recording: Recording
 
 def mended_channel(work: Work) -> ChannelModel:
     """One channel's model with its steps and the values that the recording gives."""
-    gone = [d.effect.name for d in work.drafts if d.action == REMOVE]
-    told = {d.effect.name: d for d in work.drafts if d.action == REFIT}
+    answers = _answers(work)
     kept: list[FittedEffect] = []
     spectral = _spectral_estimates(work)
     used = 0
     for given in work.model.effects:
         name = given.name
-        if name in gone:
-            gone.remove(name)
-        elif used < len(spectral) and spectral[used].name == name:
+        draft = answers.get(given.effect)
+        if draft is not None and draft.action == REMOVE:
+            continue
+        if used < len(spectral) and spectral[used].name == name:
             kept.append(replace(spectral[used], note=given.note))
             used += 1
-        elif name in told:
-            kept.append(_estimated(work, told[name]))
+        elif draft is not None:
+            kept.append(_estimated(work, draft))
         else:
             kept.append(given)
     kept += spectral[used:]
@@ -114,6 +114,29 @@ def mended_channel(work: Work) -> ChannelModel:
         effects=tuple(kept),
         log_covariance=_covariance(work, kept, spectral),
     )
+
+
+def _answers(work: Work) -> dict[Effect, Draft]:
+    """The step, if any, that refits or removes each effect of the given model."""
+    given = [f.effect for f in work.model.effects]
+    out: dict[Effect, Draft] = {}
+    for draft in work.drafts:
+        same = [e for e in given if draft.action != ADD and _kin(e, draft.effect)]
+        if same:
+            out[min(same, key=lambda e: _apart(e, draft.effect))] = draft
+    return out
+
+
+def _kin(a: Effect, b: Effect) -> bool:
+    return a.name == b.name and getattr(a, "other", "") == getattr(b, "other", "")
+
+
+def _apart(a: Effect, b: Effect) -> float:
+    """Distance of lines and bands in frequency, of steps in time."""
+    for key in ("frequency_hz", "time_s"):
+        if hasattr(a, key):
+            return abs(float(getattr(a, key)) - float(getattr(b, key)))
+    return 0.0
 
 
 def _ordered(drafts: tuple[Draft, ...]) -> list[Draft]:

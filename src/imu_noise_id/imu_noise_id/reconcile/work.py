@@ -25,6 +25,7 @@ SIZE_NAMES = {"rate_ramp": "slope", "bias_step": "height", "temperature": "coeff
 """Parameter to which a course is proportional."""
 
 TYPED_SIZE_ERROR = 0.01
+STANDS_OUT = 20.0
 
 
 @dataclass(frozen=True)
@@ -189,12 +190,16 @@ def _given_columns(model: ChannelModel, state: State) -> tuple[Column, ...]:
                 error = max(error, abs(size))  # one recording's ramp may be the next one's walk
             columns.append(course_column(effect, state, size_name, error, given=True))
         elif isinstance(effect, Periodic):
-            columns += line_columns(_frequency_near(effect, state), state)
+            error_hz = fitted.estimates[0].std_error or TYPED_SIZE_ERROR * effect.frequency_hz
+            columns += line_columns(_frequency_near(effect, error_hz, state), state)
     return tuple(columns)
 
 
-def _frequency_near(line: Periodic, state: State) -> float:
-    """Frequency of a given line as the record has it, within two spacings."""
+def _frequency_near(line: Periodic, std_error_hz: float, state: State) -> float:
+    """Frequency of a given line as the record has it.
+
+    Within two spacings; where nothing stands out there, within twice its standard error.
+    """
     n, dt = state.values.size, state.sample_time_s
     if not 2.0 / (n * dt) < line.frequency_hz < 0.5 / dt:
         return line.frequency_hz
@@ -202,6 +207,11 @@ def _frequency_near(line: Periodic, state: State) -> float:
     base = (state.values - state.values.mean()) * np.exp(-2j * np.pi * line.frequency_hz * dt * t)
     size = max(n // 4096, 1)
     slow = base[: n // size * size].reshape(-1, size).mean(axis=1)
-    offset = np.linspace(-2.0, 2.0, 65) / (n * dt)
-    turns = np.exp(-2j * np.pi * np.outer(offset, np.arange(slow.size) * size * dt))
-    return line.frequency_hz + float(offset[np.argmax(np.abs(turns @ slow))])
+    offset_hz = np.fft.fftfreq(16 * slow.size, size * dt)
+    power = np.abs(np.fft.fft(slow, offset_hz.size)) ** 2
+    near = np.abs(offset_hz) <= 2.0 / (n * dt)
+    wide = np.abs(offset_hz) <= max(2.0 * std_error_hz, 2.0 / (n * dt))
+    chance = float(np.median(power)) / np.log(2.0)
+    stands_out = power[near].max() > STANDS_OUT * chance or power[wide].max() < STANDS_OUT * chance
+    window = near if stands_out else wide
+    return line.frequency_hz + float(offset_hz[window][np.argmax(power[window])])
