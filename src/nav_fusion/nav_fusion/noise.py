@@ -285,7 +285,7 @@ def _fast_part(channel: ChannelModel, sample_time_s: float) -> tuple[float, tupl
     density at 0 Hz, T_c = S(0)/(2 V), so that neither the gate nor the mean is fooled.
     """
     fast = replace(channel, effects=tuple(f for f in channel.effects if f.name not in SLOW_NAMES))
-    f = (np.arange(2048) + 0.5) / (4096.0 * sample_time_s)
+    f = (np.arange(2048, dtype=np.float64) + 0.5) / (4096.0 * sample_time_s)
     psd = model_psd(fast, f, sample_time_s)
     variance = float(np.mean(psd)) / sample_time_s
     time_s = float(psd[0]) / (2.0 * variance) if variance > 0 else 0.0
