@@ -1,6 +1,6 @@
 """Draw the pictures of docs/, every effect's signature: ``python docs/make_pictures.py``.
 
-Needs the built workspace (``source env.sh``) and matplotlib (``pip install --group docs``).
+Needs the built workspace (``source env.sh``) and matplotlib (``tools/build docs``).
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ setup(
     version="0.1.0",
     description="Identify, simulate, reconcile and export noise models of IMU and GNSS channels",
     maintainer="imu_noise_id maintainers",
-    maintainer_email="maintainers@imu-noise-id.org",
+    maintainer_email="maintainers@example.org",
     license="Apache-2.0",
     packages=find_packages(include=[package, f"{package}.*"]),
     package_data={
