@@ -139,6 +139,7 @@ def mems_defaults(turn_on: TurnOn = TurnOn()) -> NavigationNoise:
         heading,
         True,
         "MEMS defaults",
+        ("no model of these sensors: values of a consumer MEMS IMU are assumed",),
     )
 
 
