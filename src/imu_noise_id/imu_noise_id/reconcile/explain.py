@@ -33,6 +33,7 @@ PRICE_PER_PARAMETER = 3.0
 LINE_PRICE = 8.0
 PREFERENCE = 1.5
 TELEGRAPH_BLOCKS = 1500
+SAME_STEP_S, SAME_STEP = 1.0, 0.02
 MOST_PER_CHANNEL = {"gauss_markov": 3, "narrow_band": 8, "periodic": 12, "bias_step": 6}
 
 
@@ -206,13 +207,21 @@ def _courses(state: State, found: Analysis) -> list[Candidate]:
         edge = max(16, z.size // 200)
         at = edge + int(np.argmax(np.abs(z[edge : z.size - edge])))
         time_s = state.start_s + (at + 1) * state.sample_time_s
-        out.append(_course(state, found, BiasStep(time_s, 1.0), "height", 2))
+        if not _known_step(state, time_s):
+            out.append(_course(state, found, BiasStep(time_s, 1.0), "height", 2))
     if not _count(state, "rate_ramp"):
         out.append(_course(state, found, RateRamp(1.0), "slope", 1))
     T = state.temperature
     if T is not None and float(np.ptp(T)) > 1e-6 and not _count(state, "temperature"):
         out.append(_course(state, found, Temperature(1.0), "coefficient", 1))
     return out
+
+
+def _known_step(state: State, time_s: float) -> bool:
+    """Whether the given model has a step there: then that one is to be refitted, not doubled."""
+    reach_s = max(SAME_STEP_S, SAME_STEP * time_s)
+    steps = [c.effect for c in state.columns if c.given]
+    return any(isinstance(e, BiasStep) and abs(e.time_s - time_s) < reach_s for e in steps)
 
 
 def _course(

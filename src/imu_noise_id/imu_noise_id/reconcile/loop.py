@@ -69,9 +69,11 @@ def reconcile_recording(
 
     def explained(name: str) -> Work:
         done = explain(works[name], levels.channel)
-        again = answer_hits(done, np.random.default_rng([seed, 99]))
-        if done.drafts and len(again.drafts) > len(done.drafts):
-            done = explain(again, levels.channel)  # hits that a burst had covered
+        answered = any(d.effect.name == "outliers" for d in done.drafts)
+        if done.drafts and not answered:
+            again = answer_hits(done, np.random.default_rng([seed, 99]))
+            if len(again.drafts) > len(done.drafts):
+                done = explain(again, levels.channel)  # hits that a burst had covered
         if progress is not None:
             progress(name)
         return done
