@@ -1,4 +1,4 @@
-"""Identification on real recordings at rest: does the model's Allan curve lie in what was measured?
+"""Real recordings at rest: whether the model's Allan curve lies in what was measured.
 
 Writes ``docs/study_real.md``.  Every recording of ``../shared/data`` is written into a bag and read
 back as any user's would be, motion and gaps left out by the reader.
@@ -34,10 +34,11 @@ GYRO_COUNT = np.deg2rad(0.035)
 HEAD = """# Identification on real recordings
 
 Written by `study/study_real.py` from the recordings of `../shared/data` (not part of the project),
-each written into a bag and read back.  *Inside* is the share of averaging times at which the model's
-Allan deviation lies in the measured 95 % interval; below 0.9 the table says where it leaves it.
+each written into a bag and read back.  *Inside* is the share of averaging times at which the
+model's Allan deviation lies in the measured 95 % interval; the last column says where it
+leaves it furthest.
 
-| recording | channel | still s | effects | inside | first misfit |
+| recording | channel | still s | effects | inside | worst misfit |
 |---|---|---|---|---|---|
 """
 

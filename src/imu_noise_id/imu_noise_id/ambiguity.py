@@ -30,15 +30,18 @@ def expected_difference(psd: Floats, other: Floats, ordinates: Ordinates) -> flo
     return float(0.5 * ordinates.dof @ (ratio - 1.0 - np.log(ratio)))
 
 
-def equal_names(fitted: Fit) -> tuple[str, ...]:
-    """For each effect, a sentence on which other name fits as well, or an empty string."""
+def equal_names(fitted: Fit, rivals: tuple[str, ...] = ()) -> tuple[str, ...]:
+    """For each effect, a sentence on which other name fits as well, or an empty string.
+
+    ``rivals`` are courses that fit as well as the slow terms.
+    """
     return tuple(
-        _equal_name(fitted, i) if isinstance(effect, SLOW) else ""
+        _equal_name(fitted, i, rivals) if isinstance(effect, SLOW) else ""
         for i, effect in enumerate(fitted.effects)
     )
 
 
-def _equal_name(fitted: Fit, index: int) -> str:
+def _equal_name(fitted: Fit, index: int, rivals: tuple[str, ...]) -> str:
     effect = fitted.effects[index]
     rest = fitted.effects[:index] + fitted.effects[index + 1 :]
     expected = dataclasses.replace(fitted.ordinates, power=fitted.spectrum.psd)
@@ -51,6 +54,7 @@ def _equal_name(fitted: Fit, index: int) -> str:
         trials = [fit((*rest, start), expected, fitted.floor) for start in starts]
         if trials and min(_distance(fitted, t) for t in trials) < CLEAR:
             equal.append(kind.name)
+    equal += rivals
     if not equal:
         return ""
     unseen = GaussMarkov.name in equal or isinstance(effect, GaussMarkov)

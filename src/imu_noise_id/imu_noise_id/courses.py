@@ -19,6 +19,9 @@ from imu_noise_id.selection import SLOW, prune, select, worth
 from imu_noise_id.whittle import Fit, fit
 
 PRICE = 12.0
+CLEARLY = 6.0
+"""Gain in 2 l that a course needs where it takes the place of a slow term (3 nats: what fits
+equally keeps the name that asks for less)."""
 MOST_STEPS = 3
 SCAN = 2**16
 ROUNDS = 3
@@ -69,12 +72,15 @@ class Explained:
         Of what remains; its degrees of freedom are less by what the courses took.
     peaks_hz : tuple of float
         Where the bins are narrow.
+    rivals : tuple of str
+        Courses that would fit about as well as the slow terms.
     """
 
     courses: tuple[Course, ...]
     coefficients: Floats
     fit: Fit
     peaks_hz: tuple[float, ...]
+    rivals: tuple[str, ...] = ()
 
 
 def explain(
@@ -103,13 +109,24 @@ def explain(
     if not _worth_a_look(coefficients, base, temperature):
         return best
     while True:
-        trials = [best]
+        trials, rivals = [best], []
         for effect, unit_course in _candidates(best, start_s, temperature):
-            trials.append(_with_course(coefficients, best, effect, unit_course))
+            trial = _with_course(coefficients, best, effect, unit_course)
+            if _clear(trial, best):
+                trials.append(trial)
+            elif _worth(trial) > _worth(best):
+                rivals.append(effect.name)
         grown = max(trials, key=_worth)
         if grown is best:
-            return _spent(best)
+            return dataclasses.replace(_spent(best), rivals=tuple(rivals))
         best = grown
+
+
+def _clear(trial: Explained, best: Explained) -> bool:
+    """Whether a course stands for itself, or beats by far the slow terms that it replaces."""
+    slow = [sum(isinstance(e, SLOW) for e in x.fit.effects) for x in (trial, best)]
+    gain = trial.fit.log_likelihood - best.fit.log_likelihood
+    return slow[0] >= slow[1] or 2.0 * gain > CLEARLY
 
 
 def _worth(explained: Explained) -> float:

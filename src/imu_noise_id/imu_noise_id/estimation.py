@@ -96,7 +96,7 @@ def estimate_series(series: Series, unit: str, temperature: Floats | None = None
     spectral, covariance = estimates(fitted, unit)
     named = tuple(
         dataclasses.replace(e, note=note)
-        for e, note in zip(spectral, equal_names(fitted), strict=True)
+        for e, note in zip(spectral, equal_names(fitted, analysis.explained.rivals), strict=True)
     )
     lines = tuple(_line_effect(x, fitted.ordinates.duration_s, unit) for x in analysis.lines)
     courses = tuple(c.fitted(unit) for c in analysis.explained.courses)

@@ -28,6 +28,8 @@ from imu_noise_id.transport import Transport, find_transport, without_repeats
 SHORTEST = 32
 LEAST_FOR_CCA = 200
 COURSE_POINTS = 2000
+HANDLED = 0.2
+"""Share of moving samples from which a recording is one of handling, with a rest in it."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def identify_recording(recording: Recording, workers: int = 2) -> Identification
         for c in recording.channels
         if not c.still.any()
     )
-    channels = [c for c in recording.channels if c.still.any()]
+    channels = [_at_rest(c) for c in recording.channels if c.still.any()]
     groups = {t: tuple(c for c in channels if c.topic == t) for t in {c.topic for c in channels}}
     transports = {topic: find_transport(group) for topic, group in groups.items()}
 
@@ -120,6 +122,21 @@ def identify_recording(recording: Recording, workers: int = 2) -> Identification
     models = tuple(r.model for r in results)
     model = NoiseModel(models, _course(recording, models), recording.source)
     return Identification(recording, results, model, notes)
+
+
+def _at_rest(channel: Channel) -> Channel:
+    """Channel of which only the longest still stretch counts, where it was handled otherwise.
+
+    After a move gravity and the field have other components; that is no noise.
+    """
+    if np.mean(~channel.still) < HANDLED:
+        return channel
+    edges = np.flatnonzero(np.diff(channel.still.astype(np.int8), prepend=0, append=0))
+    begin, end = edges[0::2], edges[1::2]
+    longest = int(np.argmax(end - begin))
+    still = np.zeros_like(channel.still)
+    still[begin[longest] : end[longest]] = True
+    return dataclasses.replace(channel, still=still)
 
 
 def _identify_channel(

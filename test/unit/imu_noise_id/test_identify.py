@@ -1,5 +1,6 @@
 """A recording becomes a model: accurate, with intervals that hold, whatever was lost on the way."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -152,3 +153,18 @@ def test_mpu6050_has_its_line_and_its_author_s_noise():
     for result in found.channels:
         model = np.sqrt(model_allan_variance(result.model, result.allan.tau_s, DT))
         assert np.mean((result.allan.lower <= model) & (model <= result.allan.upper)) >= 0.9
+
+
+def test_a_rest_between_moves_is_not_mixed_with_other_attitudes():
+    rng = np.random.default_rng(73)
+    values = white(N, rng)
+    values[: N // 4] += 500.0
+    still = np.ones(N, dtype=bool)
+    still[N // 4 : N // 2] = False
+    whole = recording({"linear_acceleration.x": values})
+    handled = dataclasses.replace(
+        whole, channels=tuple(dataclasses.replace(c, still=still) for c in whole.channels)
+    )
+    (result,) = identify_recording(handled, 1).channels
+    assert result.series.observed.sum() == N // 2
+    assert names(result) == ["white_noise"]

@@ -63,3 +63,13 @@ def test_slow_noise_is_no_line():
     grid = ordinates(coefficients, DT)
     psd = 1.0 + (2.0 / (2 * np.pi * grid.frequency_hz)) ** 2
     assert find_lines(coefficients, grid, psd) == ((), ())
+
+
+def test_a_line_whose_phase_wanders_slowly_is_a_line_and_leaves_nothing():
+    time_s = DT * np.arange(N)
+    phase = 2 * np.pi * (23.0 * time_s + 0.05 * np.sin(6 * np.pi * time_s / time_s[-1]))
+    values = white(N, np.random.default_rng(26)) + 2.0 * np.cos(phase)
+    (line,), wide = lines_of(values)
+    assert wide == ()
+    assert abs(line.amplitude - 2.0) < 4.0 * line.standard_errors(N * DT)[1]
+    assert lines_of(values - line.course(N, DT)) == ((), ())
