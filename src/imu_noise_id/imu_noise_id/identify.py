@@ -136,7 +136,10 @@ def _at_rest(channel: Channel) -> Channel:
     longest = int(np.argmax(end - begin))
     still = np.zeros_like(channel.still)
     still[begin[longest] : end[longest]] = True
-    return dataclasses.replace(channel, still=still)
+    seen = f"{still.sum()} of {channel.still.sum()} still samples"
+    note = f"handled: identified on the longest rest alone, {seen}"
+    quality = dataclasses.replace(channel.quality, notes=(*channel.quality.notes, note))
+    return dataclasses.replace(channel, still=still, quality=quality)
 
 
 def _identify_channel(

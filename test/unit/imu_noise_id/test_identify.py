@@ -167,4 +167,5 @@ def test_a_rest_between_moves_is_not_mixed_with_other_attitudes():
     )
     (result,) = identify_recording(handled, 1).channels
     assert result.series.observed.sum() == N // 2
+    assert result.channel.quality.notes[-1].endswith("15000 of 22500 still samples")
     assert names(result) == ["white_noise"]
