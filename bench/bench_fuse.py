@@ -2,9 +2,10 @@
 
 A platform at rest with white noise, 1 kHz IMU and 10 Hz fixes, heading given.  Ours is fed as the
 live node is (a block of samples, then a fix), with fixes in time and 0.2 s late, and once with the
-samples alone.  pyins runs its feedback filter on the same arrays; filterpy's ``KalmanFilter`` does
-a predict per sample and an update per fix with 15 states and no mechanisation at all.  All in one
-process, in turns; medians over the turns.  Peers that are not installed are left out with a line.
+samples alone.  pyins runs its
+feedback filter on the same arrays with its own time step; filterpy's ``KalmanFilter`` predicts per
+sample and updates per fix with 15 states and no mechanisation at all.  All in one process, in
+turns; medians over the turns.  Peers that are not installed are left out with a line.
 Writes ``fuse.json`` and ``fuse.md`` into ``--output``.
 """
 
@@ -103,7 +104,6 @@ def by_pyins(s: Scene) -> None:
         inertial_sensor.EstimationModel(bias_sd=GYRO_BIAS, noise=GYRO_DENSITY),
         inertial_sensor.EstimationModel(bias_sd=ACCEL_BIAS, noise=ACCEL_DENSITY),
         [measurements.Position(fixes, FIX_SIGMA_M)],
-        time_step=0.01,
     )
 
 
