@@ -372,8 +372,12 @@ def main() -> None:
         "a true covariance's mean stays in.  Start heading unknown.  Standing without a "
         "magnetometer the heading is not observable: tilt alone is scored there (2 degrees of "
         "freedom), and rest is used: it allows for 0.02 m/s of shaking, which the simulation does "
-        "not have, so that the velocity's NEES is below its band there.  Elsewhere updates by rest "
-        "are off.",
+        "not have, so that the NEES of velocity and position are below their bands there.  "
+        "Elsewhere updates by rest are off.",
+        "",
+        f"{options.runs} runs a scenario.  The band counts both epochs of a run as independent, "
+        "which slow errors are not: one entry in twenty and somewhat more lies outside by chance.  "
+        "All scenarios draw the same sensor errors in the same run.",
         "",
         "| scenario | position | velocity | attitude | RMSE m after 60 s | fixes' RMSE m | runs |",
         "|---|---|---|---|---|---|---|",
