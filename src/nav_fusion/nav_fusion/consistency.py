@@ -69,10 +69,7 @@ def status_of(engine: Engine) -> Status:
 
     past, running, counts = engine._past, engine._core, engine.counts
     s = np.zeros(SLOW) if running is None else engine._best()
-    row = np.zeros(core.OUT_SIZE)
-    if running is not None:
-        k = int((running.cursor[core.SAMPLES] - 1) % core.IMU_RING)
-        core.write_output(running, k, row)
+    row = _newest_row(running)
     dof = int(s[observe.DOF_SUM])
     fixes = dof // 3
     band = mean_band(3, fixes) if fixes else (None, None)
@@ -126,6 +123,15 @@ def status_of(engine: Engine) -> Status:
         notes=_all_notes(engine, total, s),
         fault=engine.fault,
     )
+
+
+def _newest_row(running: core.Core | None) -> Floats:
+    """State at the newest sample, laid out as in ``core``; zeros before the start."""
+    row = np.zeros(core.OUT_SIZE)
+    if running is not None:
+        k = int((running.cursor[core.SAMPLES] - 1) % core.IMU_RING)
+        core.write_output(running, k, row)
+    return row
 
 
 def _all_notes(engine: Engine, total: dict[int, int], s: Floats) -> tuple[str, ...]:
