@@ -85,11 +85,7 @@ def windows(observed: Mask) -> list[tuple[int, int]]:
     longest = int(np.max(np.diff(np.flatnonzero(np.concatenate(([True], observed, [True]))))))
     tile = max(TILE, 4 * longest)
     edges = np.linspace(0, observed.size, max(observed.size // tile, 1) + 1).astype(int)
-    return [
-        (int(a), int(b))
-        for a, b in pairwise(edges)
-        if not observed[a:b].all()
-    ]
+    return [(int(a), int(b)) for a, b in pairwise(edges) if not observed[a:b].all()]
 
 
 def _draw(

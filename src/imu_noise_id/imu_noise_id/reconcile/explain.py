@@ -32,6 +32,7 @@ from imu_noise_id.selection import RESPONSES, SOURCES
 PRICE_PER_PARAMETER = 3.0
 LINE_PRICE = 8.0
 PREFERENCE = 1.5
+DRIFTS = (*SLOW, "temperature", "rate_ramp", "bias_step")
 TELEGRAPH_BLOCKS = 1500
 SAME_STEP_S, SAME_STEP = 1.0, 0.02
 MOST_PER_CHANNEL = {"gauss_markov": 3, "narrow_band": 8, "periodic": 12, "bias_step": 6}
@@ -91,8 +92,11 @@ def candidates(state: State, found: Analysis) -> list[Candidate]:
 
 
 def _preference(candidate: Candidate) -> float:
-    """Nats in favour of a second slow term: values far outside their intervals are rarer."""
-    return PREFERENCE if candidate.action == ADD and candidate.effect.name in SLOW else 0.0
+    """Nats in favour of one more kind of drift: values far outside their intervals are rarer.
+
+    All kinds alike, or the bonus would choose among them.
+    """
+    return PREFERENCE if candidate.action == ADD and candidate.effect.name in DRIFTS else 0.0
 
 
 def residual_of(found: Analysis) -> Residual:
