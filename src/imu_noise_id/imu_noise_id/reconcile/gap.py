@@ -5,7 +5,8 @@ energies of stretches of time, and the battery's statistics through their null. 
 lets one frequency or one moment that is far off show among many that are right; 1 is what the
 model's own simulations score on average.
 
-Held out is the second half, with everything fitted on the first; a line's phase alone is read anew.
+Held out is the second half, with everything fitted on the first; of a line the phase is read anew,
+and its slow wander (``lines.py``) is taken out with the course of the whole record.
 What is local in time (a step, a burst, a ramp, what follows the temperature) cannot be fitted on
 one half and be seen in the other: its size comes from the even samples and is judged on the odd
 ones, under the spectrum of the whole record.
