@@ -21,7 +21,7 @@ def bag(request):
 
 def test_a_bag_is_small_sound_and_still(bag):
     path, truth = bag
-    assert sum(f.stat().st_size for f in path.iterdir()) < 3 << 20
+    assert sum(f.stat().st_size for f in path.iterdir()) < 3_000_000
     recording = read_recording(path)
     check(recording)
     assert recording.notes == ()
