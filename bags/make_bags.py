@@ -197,10 +197,10 @@ def demo_mems(sensors: dict[str, Any], allan: dict[str, Any]) -> Bag:
     """A MEMS IMU, magnetometer and receiver left on a bench for nine minutes."""
     bag = Bag(
         "demo_mems",
-        "Over eight minutes at rest. Imu: white noise and bias instability (as a Gauss-Markov process "
-        "of 60 s whose Allan maximum, 0.617 sigma, is the flat part's 0.664 B) of Thales NavChip 3 as "
-        "its Allan deviation shows them, a fan's 21.5 Hz on linear_acceleration.y, rounding. "
-        "Magnetometer and receiver: chapter 5's models.",
+        "Over eight minutes at rest. Imu: white noise and bias instability (as a Gauss-Markov "
+        "process of 60 s whose Allan maximum, 0.617 sigma, is the flat part's 0.664 B) of Thales "
+        "NavChip 3 as its Allan deviation shows them, a fan's 21.5 Hz on linear_acceleration.y, "
+        "rounding. Magnetometer and receiver: chapter 5's models.",
         520.0,
     )
     gyro, force = allan["sensor_4"], allan["sensor_8"]
