@@ -8,8 +8,6 @@ it is ever executed.
 
 from __future__ import annotations
 
-import contextlib
-import os
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -21,6 +19,7 @@ import numpy as np
 from imu_noise_id.cdr import LAYOUTS
 from imu_noise_id.columns import TopicColumns
 from imu_noise_id.errors import InputError
+from imu_noise_id.files import replacing
 from imu_noise_id.longrun import LongRun
 
 FORMAT = "checkpoint/1"
@@ -42,26 +41,13 @@ def save_checkpoint(checkpoint: Checkpoint, path: Path | str) -> None:
     InputError
         When it cannot be written; the old file is untouched.
     """
-    path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     arrays: dict[str, np.ndarray] = {"format": np.array(FORMAT)}
     for k, columns in enumerate(checkpoint.columns):
         arrays |= _arrays(f"topic{k}", columns)
     for k, run in enumerate(run for run in checkpoint.before if not run.empty):
         arrays |= {f"before{k}.{f.name}": _array(getattr(run, f.name)) for f in fields(run)}
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with open(temporary, "wb") as stream:
-            np.savez(stream, **arrays)  # type: ignore[arg-type]
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(temporary, path)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror}): free the place or name another"
-        ) from error
+    with replacing(path) as stream:
+        np.savez(stream, **arrays)  # type: ignore[arg-type]
 
 
 def load_checkpoint(path: Path | str) -> Checkpoint:

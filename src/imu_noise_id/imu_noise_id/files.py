@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from imu_noise_id.errors import InputError
 
 
-def write_text(path: Path | str, text: str) -> None:
-    """Replace a file by a text, so that a reader sees the old or the new whole file.
+@contextlib.contextmanager
+def replacing(path: Path | str) -> Iterator[BinaryIO]:
+    """Write a file anew, so that a reader sees the old or the new whole file.
 
-    The text goes to a temporary file of the same folder (made where it is missing), which is then
+    The bytes go to a temporary file of the same folder (made where it is missing), which is then
     renamed.
 
     Raises
@@ -24,8 +27,8 @@ def write_text(path: Path | str, text: str) -> None:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with open(temporary, "w", encoding="utf-8") as stream:
-            stream.write(text)
+        with open(temporary, "wb") as stream:
+            yield stream
             stream.flush()
             os.fsync(stream.fileno())
         os.replace(temporary, path)
@@ -35,6 +38,12 @@ def write_text(path: Path | str, text: str) -> None:
         raise InputError(
             f"{path}: cannot be written ({error.strerror}): free the place or name another"
         ) from error
+
+
+def write_text(path: Path | str, text: str) -> None:
+    """Replace a file by a text, whole or not at all; raises as `replacing` does."""
+    with replacing(path) as stream:
+        stream.write(text.encode("utf-8"))
 
 
 def read_text(path: Path | str, limit_bytes: int) -> str:
