@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from imu_noise_id.effects.outliers import THRESHOLD, Outliers, outlier_parameters
 from imu_noise_id.effects.output_rounding import OutputRounding, rounding_step
@@ -93,18 +93,18 @@ def _are_outliers(hit: Mask, deviation: Floats, sigma: float) -> bool:
     where = np.flatnonzero(hit)
     if where.size == 0 or where.size > MOST_HIT * hit.size:
         return False
-    expected = 2.0 * stats.norm.sf(THRESHOLD) * hit.size
+    expected = 2.0 * special.ndtr(-THRESHOLD) * hit.size
     largest = float(np.abs(deviation).max()) / sigma
-    by_number = stats.poisson.sf(where.size - 1, expected)
-    by_size = hit.size * 2.0 * stats.norm.sf(largest)
+    by_number = special.pdtrc(where.size - 1, expected)
+    by_size = hit.size * 2.0 * special.ndtr(-largest)
     apart = 1 + int(np.sum(np.diff(where) > 5))
     return bool(min(by_number, by_size) < BY_CHANCE and 2 * apart > where.size)
 
 
 def _outliers(hits: Floats, samples: int, sigma: float, unit: str) -> FittedEffect:
     rate, scale = outlier_parameters(hits, samples, sigma)
-    low = 0.5 * float(stats.chi2.ppf(0.025, 2 * hits.size))
-    high = 0.5 * float(stats.chi2.ppf(0.975, 2 * hits.size + 2))
+    low = 0.5 * float(special.chdtri(2 * hits.size, 0.975))
+    high = 0.5 * float(special.chdtri(2 * hits.size + 2, 0.025))
     spread = np.exp(1.96 / np.sqrt(2.0 * hits.size))
     found = hits.size / rate if rate > 0.0 else 1.0
     return FittedEffect(

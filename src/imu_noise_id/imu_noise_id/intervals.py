@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtri
 
 from imu_noise_id.model import Estimate, FittedEffect
 from imu_noise_id.recording import Floats
 from imu_noise_id.whittle import Fit, fit, log_covariance, parameter_vector, with_parameters
 
-QUANTILE = float(stats.norm.ppf(0.975))
+QUANTILE = float(ndtri(0.975))
 DROP = 0.5 * QUANTILE**2
-ONE_SIDED_DROP = 0.5 * float(stats.norm.ppf(0.95)) ** 2
+ONE_SIDED_DROP = 0.5 * float(ndtri(0.95)) ** 2
 PROFILE_FROM = 0.30
 LONGEST = 14.0
 MOST_PROFILED = 6

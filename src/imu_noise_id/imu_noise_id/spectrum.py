@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal, special
+from scipy import special
 
 from imu_noise_id.recording import Floats, Mask
 from imu_noise_id.series import Series
@@ -148,7 +148,7 @@ def _welch(values: Floats, observed: Mask, sample_time_s: float) -> _Ordinates |
         length //= 2
     else:
         return None
-    window = signal.windows.hann(length, sym=False)
+    window = np.hanning(length + 1)[:-1]
     total = np.zeros(length // 2 + 1)
     for start in starts:
         part = filled[start : start + length]

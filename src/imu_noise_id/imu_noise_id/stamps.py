@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from imu_noise_id.recording import Floats, Mask, Stamps
 
@@ -233,6 +232,8 @@ def _lost(stamp_ns: Stamps, period_ns: float, window: int) -> Cells:
     whole = np.rint(ratio)
     if (np.abs(ratio - whole) < 0.2).all() and (whole >= 1).all():
         return whole.astype(np.int64) - 1
+    from scipy.ndimage import median_filter  # slow to import, and few recordings need it
+
     lag = (stamp_ns - stamp_ns[0]) / period_ns - np.arange(stamp_ns.size)
     smooth = median_filter(lag, window, mode="nearest") if lag.size > 2 else lag
     return np.maximum(np.rint(np.diff(smooth)), 0).astype(np.int64)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, signal
+from scipy import linalg
 
 from imu_noise_id.recording import Floats
 
@@ -128,7 +128,9 @@ def frequency_response(
 
 def drive(transfer: DiscreteTransfer, samples: Floats) -> Floats:
     """Output of H(z) for the given input, at rest before it, shape (n,)."""
-    return np.asarray(signal.lfilter(transfer.numerator, transfer.denominator, samples))
+    from scipy.signal import lfilter  # half a second to import, and only simulation needs it
+
+    return np.asarray(lfilter(transfer.numerator, transfer.denominator, samples))
 
 
 def output_sigma(transfer: DiscreteTransfer) -> float | None:

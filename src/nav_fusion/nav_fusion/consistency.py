@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import chdtri
 
 from nav_fusion import core, observe
 from nav_fusion.state import ALIVE, NAV, SLOW, STRIDE
@@ -27,7 +27,7 @@ def normalised_squares(error: Floats, covariance: Floats) -> Floats:
 def mean_band(dof: int, count: int, confidence: float = 0.95) -> tuple[float, float]:
     """Band that the mean of ``count`` independent chi-squares of ``dof`` stays in."""
     tail = 0.5 * (1.0 - confidence)
-    low, high = stats.chi2.ppf([tail, 1.0 - tail], dof * count) / count
+    low, high = chdtri(dof * count, [1.0 - tail, tail]) / count
     return float(low), float(high)
 
 
@@ -46,7 +46,7 @@ def portmanteau(lag_sums: Floats, count: float, components: int, squares: float)
 
 def whiteness_limit(lags: int, confidence: float = 0.99) -> float:
     """Quantile of the portmanteau statistic under a true filter."""
-    return float(stats.chi2.ppf(confidence, lags))
+    return float(chdtri(lags, 1.0 - confidence))
 
 
 def is_symmetric_positive(P: Floats) -> bool:
@@ -114,7 +114,7 @@ def status_of(engine: Engine) -> Status:
         whiteness=whiteness,
         whiteness_limit=limit,
         white=None if whiteness is None else whiteness < limit,
-        gate=float(stats.chi2.ppf(engine.parameters.gate_confidence, 3)),
+        gate=float(chdtri(3, 1.0 - engine.parameters.gate_confidence)),
         still=bool(row[core.OUT_STILL]),
         gyro_bias=bias[:3],
         accel_bias=bias[3:],

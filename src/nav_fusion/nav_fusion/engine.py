@@ -31,7 +31,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import chdtri
 
 from nav_fusion import core, observe
 from nav_fusion.alignment import rotation_of
@@ -504,7 +504,7 @@ class Engine:
 
 def packed_sensing(parameters: Parameters) -> observe.Sensing:
     """Parameters as the compiled corrections want them."""
-    gate = np.array([0.0, *(stats.chi2.ppf(parameters.gate_confidence, k) for k in (1, 2, 3))])
+    gate = np.array([0.0, *(chdtri(k, 1.0 - parameters.gate_confidence) for k in (1, 2, 3))])
     return observe.Sensing(
         np.array(parameters.lever_arm_m, dtype=float),
         gate,

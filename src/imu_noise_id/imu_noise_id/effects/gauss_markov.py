@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy import signal
 
 from imu_noise_id.effects.base import Parameter, StateSpace, StochasticEffect
 from imu_noise_id.effects.lorentzian import allan_of_geometric, lorentzian
@@ -86,7 +85,9 @@ class GaussMarkov(StochasticEffect):
 
     def simulate(self, n: int, sample_time_s: float, rng: np.random.Generator) -> Floats:
         """Exact recursion from the stationary distribution, at any rate."""
+        from scipy.signal import lfilter  # half a second to import, and only simulation needs it
+
         decay = sample_time_s / self.correlation_time_s
         drive = self.sigma * np.sqrt(-np.expm1(-2.0 * decay)) * rng.standard_normal(n)
         drive[:1] *= 1.0 / np.sqrt(-np.expm1(-2.0 * decay))
-        return np.asarray(signal.lfilter([1.0], [1.0, -np.exp(-decay)], drive))
+        return np.asarray(lfilter([1.0], [1.0, -np.exp(-decay)], drive))

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy import signal
 
 from imu_noise_id.effects.base import Parameter, StateSpace, StochasticEffect
 from imu_noise_id.effects.lorentzian import allan_of_geometric, lorentzian
@@ -120,9 +119,11 @@ class NarrowBand(StochasticEffect):
 
     def simulate(self, n: int, sample_time_s: float, rng: np.random.Generator) -> Floats:
         """Exact complex recursion from the stationary distribution; the real part is kept."""
+        from scipy.signal import lfilter  # half a second to import, and only simulation needs it
+
         decay = np.pi * self.bandwidth_hz * sample_time_s
         scale = self.sigma * np.sqrt(-np.expm1(-2.0 * decay))
         drive = scale * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
         drive[:1] *= 1.0 / np.sqrt(-np.expm1(-2.0 * decay))
         pole = np.exp(complex(-decay, 2.0 * np.pi * self.frequency_hz * sample_time_s))
-        return np.asarray(signal.lfilter([1.0], [1.0, -pole], drive).real)
+        return np.asarray(lfilter([1.0], [1.0, -pole], drive).real)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from imu_noise_id.ros.messages import finite
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from nav_fusion import observe
 from nav_fusion.engine import Engine
@@ -40,7 +40,7 @@ def filter_status(engine: Engine) -> FilterStatus:
         notes=list(found.notes),
     )
     if found.whiteness is not None:
-        message.whiteness_p_value = finite(float(chi2.sf(found.whiteness, observe.LAGS)))
+        message.whiteness_p_value = finite(float(chdtrc(observe.LAGS, found.whiteness)))
     return message
 
 
