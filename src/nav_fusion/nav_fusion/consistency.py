@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,6 +64,39 @@ def covariance_of(hypothesis: Floats, slow_states: int) -> Floats:
     return hypothesis[SLOW + slow_states :].reshape(n, STRIDE)[:, :n].copy()
 
 
+@dataclass(frozen=True)
+class Innovations:
+    """Every fix against what the filter expected of it.
+
+    Attributes
+    ----------
+    stamp_ns : (k,) int64
+        When the fix holds.
+    innovation, sigma : (k, 3) float64
+        East, north, up, m: fix less expectation, colour removed, and its standard deviation.
+    nis : (k,) float64
+        Its normalised square, 3 degrees of freedom.
+    used : (k,) bool
+        False: kept out by the gate.  Fixes that repeat the one before are not listed.
+    """
+
+    stamp_ns: NDArray[np.int64]
+    innovation: Floats
+    sigma: Floats
+    nis: Floats
+    used: NDArray[np.bool_]
+
+
+def innovations_of(engine: Engine) -> Innovations:
+    """Innovations of the fixes that the engine has taken so far."""
+    stamp_ns, rows = engine.results()
+    told = rows[:, 7] != observe.SAME_AGAIN
+    stamp_ns, rows = stamp_ns[told], rows[told]
+    return Innovations(
+        stamp_ns, rows[:, 0:3], rows[:, 3:6], rows[:, 6], rows[:, 7] == observe.TAKEN
+    )
+
+
 def status_of(engine: Engine) -> Status:
     """Figures of a filter, see :class:`nav_fusion.engine.Status`."""
     from nav_fusion.engine import Status
@@ -76,6 +110,8 @@ def status_of(engine: Engine) -> Status:
     lags = s[observe.WHITE_SUM : observe.WHITE_SUM + observe.LAGS]
     squares, count = float(s[observe.NIS_SUM]), float(s[observe.WHITE_COUNT])
     told = fixes >= 20 and squares > 0
+    lag_one = s[observe.LAG_ONE : observe.LAG_ONE + 3]
+    correlation = lag_one / np.maximum(s[observe.SQUARES : observe.SQUARES + 3], 1e-300)
     whiteness = portmanteau(lags, count, 3, squares) if told else None
     limit = whiteness_limit(observe.LAGS)
     total = {slot: int(past[slot] + s[slot]) for slot in observe.TOTALS}
@@ -113,6 +149,7 @@ def status_of(engine: Engine) -> Status:
         nis_upper=band[1],
         whiteness=whiteness,
         whiteness_limit=limit,
+        correlation=float(correlation[np.argmax(np.abs(correlation))]) if told else None,
         white=None if whiteness is None else whiteness < limit,
         gate=float(chdtri(3, 1.0 - engine.parameters.gate_confidence)),
         still=bool(row[core.OUT_STILL]),

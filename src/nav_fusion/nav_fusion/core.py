@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from nav_fusion.earth import normal_gravity
 from nav_fusion.observe import (
     ALIGNED_S,
+    RESULT,
+    RESULT_SIZE,
     UPDATE_SIZE,
     Sensing,
     Update,
@@ -63,7 +65,9 @@ FIX, VELOCITY_KIND, FIELD = 0, 1, 2
 COVARIANCE_STEP_S = 0.01
 """At most about this long: 100 Hz is within 2e-4 of 1 kHz, and ten times cheaper."""
 
-Z_SIZE = 18
+Z_SIZE = 26
+"""What the corrections need, and from ``OUTCOME`` on what became of a fix (``observe.RESULT``)."""
+OUTCOME = 18
 IMU_RING = 16384
 MEASUREMENT_RING = 1024
 CHECKPOINTS = 64
@@ -374,6 +378,9 @@ def correct(core: Core, index: int, sample: int) -> None:
         else:
             correct_by_field(s, slow, z, sensing, update)
         refresh_bias(s, slow)
+    if kind == FIX:
+        best = core.bank[heaviest(core)]
+        core.z[index, OUTCOME : OUTCOME + RESULT_SIZE] = best[RESULT : RESULT + RESULT_SIZE]
     if kind != FIELD:
         prune(core, time_s)
 
@@ -508,13 +515,19 @@ def rewind(core: Core, before_ns: int) -> None:
 
 
 @njit(cache=True)
-def forget(core: Core) -> None:
-    """Drop the measurements that no rewind can reach."""
+def settled(core: Core) -> int:
+    """How many measurements no rewind can reach any more."""
+    oldest = checkpoint_ns(core, core.cursor[FIRST_CHECKPOINT])
+    count = 0
+    while count < core.cursor[NEXT] and core.measurement_ns[count] <= oldest:
+        count += 1
+    return count
+
+
+@njit(cache=True)
+def forget(core: Core, drop: int) -> None:
+    """Drop the first measurements."""
     c = core.cursor
-    oldest = checkpoint_ns(core, c[FIRST_CHECKPOINT])
-    drop = 0
-    while drop < c[NEXT] and core.measurement_ns[drop] <= oldest:
-        drop += 1
     for i in range(drop, c[HEAD_MEASUREMENT]):
         core.measurement_ns[i - drop] = core.measurement_ns[i]
         core.kind[i - drop] = core.kind[i]
@@ -545,9 +558,7 @@ def insert(core: Core, time_ns: int, kind: int, z: Floats) -> int:
     if time_ns < now - core.cursor[WINDOW] or time_ns <= checkpoint_ns(core, c[FIRST_CHECKPOINT]):
         return TOO_LATE
     if c[HEAD_MEASUREMENT] == MEASUREMENT_RING:
-        forget(core)
-        if c[HEAD_MEASUREMENT] == MEASUREMENT_RING:
-            return FULL
+        return FULL
     place = place_for(core, time_ns, kind)
     if place < 0:
         return DUPLICATE

@@ -27,6 +27,7 @@ What holds:
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,6 +50,7 @@ APART_S = 10.0
 UNKNOWN_FIX_SIGMA_M = (2.5, 2.5, 5.0)
 FIELD_RANGE_T = (15e-6, 80e-6)
 NO_FIX = -1
+KEPT_CHUNKS = 1000
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,8 @@ class Status:
         95 % band of the mean under a true model.
     whiteness : float or None
         Portmanteau statistic over 5 lags; ``whiteness_limit`` its 99 % quantile.
+    correlation : float or None
+        Of successive innovations, of the axis where it is largest in size.
     white : bool or None
         None with fewer than 20 fixes.
     gate : float
@@ -141,6 +145,7 @@ class Status:
     nis_upper: float | None
     whiteness: float | None
     whiteness_limit: float
+    correlation: float | None
     white: bool | None
     gate: float
     still: bool
@@ -163,6 +168,7 @@ class Engine:
         self.fault: str | None = None
         self._notes: dict[str, None] = dict.fromkeys(noise.notes)
         self._past = np.zeros(SLOW)
+        self._results: deque[tuple[Stamps, Floats]] = deque(maxlen=KEPT_CHUNKS)
         self._origin: tuple[float, float, float] | None = None
         self._mounting = rotation_of(*parameters.mounting_rpy_rad)
         self._restart()
@@ -290,6 +296,19 @@ class Engine:
         """Whether the angular rate stays where no platform's does: degrees per second, perhaps."""
         return self._core is not None and bool(self._core.shared[core.FAST_BLOCKS] >= 4)
 
+    def results(self) -> tuple[Stamps, Floats]:
+        """Fixes applied so far: when they hold, and (k, RESULT_SIZE) what became of each.
+
+        As it is by now: of a fix that was repeated after a late one, the last time.  A live node
+        that runs for days keeps the newest ``KEPT_CHUNKS`` blocks of some hundred.
+        """
+        kept = list(self._results)
+        if self._core is not None:
+            kept.append(self._newest_results(int(self._core.cursor[core.NEXT])))
+        if not kept:
+            return np.zeros(0, dtype=np.int64), np.zeros((0, observe.RESULT_SIZE))
+        return np.concatenate([a for a, _ in kept]), np.concatenate([b for _, b in kept])
+
     def status(self) -> Status:
         """Return counts, consistency, biases and notes as they are now."""
         from nav_fusion.consistency import status_of
@@ -339,11 +358,21 @@ class Engine:
         self._keep_counts()
         self._restart()
 
+    def _newest_results(self, count: int) -> tuple[Stamps, Floats]:
+        assert self._core is not None
+        fix = self._core.kind[:count] == core.FIX
+        outcome = self._core.z[:count, core.OUTCOME : core.OUTCOME + observe.RESULT_SIZE]
+        return self._core.measurement_ns[:count][fix], outcome[fix]
+
+    def _keep_results(self, count: int) -> None:
+        self._results.append(self._newest_results(count))
+
     def _keep_counts(self) -> None:
         """Carry the fixes of the filter that ends over into the totals."""
         if self._core is None:
             return
         s = self._best()
+        self._keep_results(int(self._core.cursor[core.NEXT]))
         for slot in observe.TOTALS:
             self._past[slot] += s[slot]
 
@@ -403,6 +432,10 @@ class Engine:
         if self._core is None:
             self._waiting.add_measurement(measurement)
             return
+        if self._core.cursor[core.HEAD_MEASUREMENT] == core.MEASUREMENT_RING:
+            count = core.settled(self._core)
+            self._keep_results(count)
+            core.forget(self._core, count)
         outcome = core.insert(self._core, measurement.time_ns, measurement.kind, measurement.z)
         if not is_fix:
             return

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from imu_noise_id import cdr
 from nav_fusion import core
+from nav_fusion.consistency import Innovations, innovations_of
 from nav_fusion.engine import Engine, Rows, Status, joined
 from nav_fusion.feeding import feed
 from nav_fusion.noise import NavigationNoise, TurnOn, from_model, mems_defaults
@@ -62,6 +63,11 @@ class FuseResult:
     status: Status
     engine: Engine
     notes: tuple[str, ...]
+
+    @property
+    def innovations(self) -> Innovations:
+        """Every fix against what the filter expected of it."""
+        return innovations_of(self.engine)
 
 
 def fuse_bag(
@@ -238,6 +244,7 @@ def fuse_tree(result: FuseResult) -> dict[str, Any]:
         "fixes": {"used": s.used, "gated": s.gated, "late": s.late, "rejected": s.rejected},
         "nis": {"mean": s.nis_mean, "dof": s.nis_dof, "lower": s.nis_lower, "upper": s.nis_upper},
         "white": bool(s.white) if s.white is not None else None,
+        "innovation_correlation": s.correlation,
         "gate": {"threshold": s.gate, "confidence": result.engine.parameters.gate_confidence},
         "imu": {
             "duplicates": s.imu_duplicates,

@@ -37,6 +37,12 @@ STREAK, STREAK_START_S, LAST_FIX, HAS_FIX, LAST_NIS = 18, 19, 20, 23, 24
 VELOCITY_USED, VELOCITY_GATED, HEADING_USED, HEADING_GATED, STILL_UPDATES = 25, 26, 27, 28, 29
 RECENT_NIS, WHITE_COUNT, WHITE_SUM, WHITE_PAST, ALIGNED_S = 30, 31, 32, 37, 52
 HEADING_STREAK, FIRST_FIX, VELOCITY_STREAK, RECENT_COUNT = 53, 54, 57, 58
+RESULT = 59
+"""Newest fix: innovation (3), its sigma (3), NIS, what became of it (``TAKEN`` and so on)."""
+LAG_ONE, SQUARES = 67, 70
+"""Of the whitened innovations, each axis: products of successive ones, and squares."""
+RESULT_SIZE = 8
+TAKEN, KEPT_OUT, SAME_AGAIN = 1.0, 2.0, 3.0
 
 TOTALS = (
     USED,
@@ -283,6 +289,9 @@ def note_innovation(s: Floats, nis: float, u: Update) -> None:
     s[LAST_NIS] = nis
     s[RECENT_COUNT] += 1.0
     s[RECENT_NIS] += (nis - s[RECENT_NIS]) / min(s[RECENT_COUNT], 100.0)
+    for a in range(3):
+        s[LAG_ONE + a] += u.white[a] * s[WHITE_PAST + a]
+        s[SQUARES + a] += u.white[a] * u.white[a]
     for lag in range(LAGS):
         if s[WHITE_COUNT] > lag:
             for a in range(3):
@@ -292,6 +301,19 @@ def note_innovation(s: Floats, nis: float, u: Update) -> None:
     for a in range(3):
         s[WHITE_PAST + a] = u.white[a]
     s[WHITE_COUNT] += 1.0
+
+
+@njit(cache=True)
+def note_result(s: Floats, nis: float, outcome: float, u: Update) -> None:
+    """Keep the newest fix's innovation and its sigma, from the Cholesky factor of S."""
+    for a in range(3):
+        variance = 0.0
+        for b in range(a + 1):
+            variance += u.S[a, b] * u.S[a, b]  # S = L L'
+        s[RESULT + a] = u.y[a]
+        s[RESULT + 3 + a] = math.sqrt(variance)
+    s[RESULT + 6] = nis
+    s[RESULT + 7] = outcome
 
 
 @njit(cache=True)
@@ -329,6 +351,8 @@ def correct_by_fix(
     n = NAV + m
     if is_repeated(s, z):
         s[REPEATED] += 1.0
+        s[RESULT : RESULT + RESULT_SIZE] = 0.0
+        s[RESULT + 7] = SAME_AGAIN
         return
     prepare_fix(s, slow, z, sensing, u)
     P = s[SLOW + m :]
@@ -342,6 +366,7 @@ def correct_by_fix(
         s[LAST_NIS] = nis
         unbroken = s[STREAK] >= sensing.recovery[0]
         if not (unbroken and time_s - s[STREAK_START_S] >= sensing.recovery[1]):
+            note_result(s, nis, KEPT_OUT, u)
             s[GATED] += 1.0
             s[LOG_WEIGHT] -= 0.5 * (sensing.gate[3] + logarithm)
             return
@@ -357,6 +382,7 @@ def correct_by_fix(
         for i in range(3):
             s[FIRST_FIX + i] = z[i]
     s[USED] += 1.0
+    note_result(s, nis, TAKEN, u)
     apply_correction(s, m, 3, u)
 
 

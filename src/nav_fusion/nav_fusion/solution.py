@@ -44,6 +44,8 @@ class Solution:
     hypotheses : (k,) int64
         Headings still followed; 1 once it is known.
     still : (k,) bool
+    gyro_bias, gyro_bias_sigma, accel_bias, accel_bias_sigma : (k, 3) float64
+        Body axes, rad/s and m/s^2.
     """
 
     stamp_ns: Stamps
@@ -59,6 +61,10 @@ class Solution:
     antenna_covariance: Floats
     hypotheses: NDArray[np.int64]
     still: NDArray[np.bool_]
+    gyro_bias: Floats
+    gyro_bias_sigma: Floats
+    accel_bias: Floats
+    accel_bias_sigma: Floats
 
     @property
     def heading(self) -> Floats:
@@ -111,6 +117,10 @@ def solve(
     noise = np.zeros(3) if gyro_sample_variance is None else gyro_sample_variance
     for i in range(3):
         twist[:, 3 + i, 3 + i] = values[:, core.OUT_BIAS_VARIANCE + i] + noise[i]
+    bias = values[:, core.OUT_BIAS : core.OUT_BIAS + 6]
+    bias_sigma = np.sqrt(
+        np.maximum(values[:, core.OUT_BIAS_VARIANCE : core.OUT_BIAS_VARIANCE + 6], 0.0)
+    )
     antenna, antenna_covariance = _antenna(r, C_eb, P, np.array(lever_arm_m))
     return Solution(
         stamp_ns,
@@ -126,6 +136,10 @@ def solve(
         antenna_covariance,
         values[:, core.OUT_HYPOTHESES].astype(np.int64),
         values[:, core.OUT_STILL] > 0,
+        bias[:, :3],
+        bias_sigma[:, :3],
+        bias[:, 3:],
+        bias_sigma[:, 3:],
     )
 
 

@@ -28,9 +28,9 @@ IMU_TARGETS = 6
 # Layout of one hypothesis: navigation, bookkeeping, slow states, covariance.
 R, V, Q = 0, 3, 6
 ALIVE, LOG_WEIGHT = 10, 11
-BIAS = 64
-ELAPSED, FORCE_SUM, TURN_SUM, GAP_VARIANCE = 70, 71, 74, 83
-SLOW = 88
+BIAS = 76
+ELAPSED, FORCE_SUM, TURN_SUM, GAP_VARIANCE = 82, 83, 86, 95
+SLOW = 104
 """Bookkeeping of ``nav_fusion.observe`` lies between ``LOG_WEIGHT`` and ``BIAS``;
 then the summed biases, and what gathers until the covariance is brought up to date."""
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from nav_fusion.consistency import covariance_of, is_symmetric_positive
+from nav_fusion.consistency import covariance_of, innovations_of, is_symmetric_positive
 from nav_fusion.engine import Engine
 from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise, SlowTerm, mems_defaults
 from nav_fusion.parameters import Parameters
@@ -99,6 +99,28 @@ def test_standing_without_magnetometer_the_heading_is_not_observable() -> None:
     solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
     assert solution.heading_sigma[-1] > 1.5
     assert any("not observable" in note for note in engine.status().notes)
+
+
+def test_every_fix_is_told_with_its_innovation_in_time_late_or_kept_out() -> None:
+    d = drive(60.0)
+    far = d.fix.copy()
+    far[50] += [0.09, 0.0, 0.0]
+    d = replace(d, fix=far)
+    in_order, late = Engine(NOISE, HEADED), Engine(NOISE, HEADED)
+    play(in_order, d)
+    late_s = np.random.default_rng(3).choice([0.0, 0.2, 0.45], d.fix_ns.size)
+    late_s[-5:] = 0.0
+    play(late, d, late_s=late_s)
+    told = innovations_of(in_order)
+    for name, values in vars(innovations_of(late)).items():
+        assert np.array_equal(values, getattr(told, name)), name
+    status = in_order.status()
+    assert (told.used.sum(), (~told.used).sum()) == (status.used, status.gated)
+    assert not told.used[told.stamp_ns == d.fix_ns[50]].any()
+    scored = told.used & (told.sigma[:, 0] < 50)
+    assert told.nis[scored].mean() == pytest.approx(status.nis_mean)
+    shares = (told.innovation[scored] / told.sigma[scored]) ** 2
+    assert np.all(np.abs(shares.mean(axis=0) - 1) < 4 * np.sqrt(2 / scored.sum()))
 
 
 def test_an_outage_widens_the_sigma_and_ends() -> None:

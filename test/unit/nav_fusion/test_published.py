@@ -28,6 +28,10 @@ def some(k: int, rng: np.random.Generator) -> Solution:
         normal(3, 3),
         np.ones(k, np.int64),
         np.zeros(k, bool),
+        normal(3),
+        abs(normal(3)),
+        normal(3),
+        abs(normal(3)),
     )
 
 

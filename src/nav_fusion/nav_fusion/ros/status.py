@@ -27,6 +27,7 @@ def filter_status(engine: Engine) -> FilterStatus:
         nis_upper=finite(found.nis_upper),
         nis_count=found.nis_dof // _FIX_DOF,
         white=bool(found.white),
+        innovation_correlation=finite(found.correlation),
         gyro_bias=_three(found.gyro_bias),
         gyro_bias_sigma=_three(found.gyro_bias_sigma),
         accel_bias=_three(found.accel_bias),
