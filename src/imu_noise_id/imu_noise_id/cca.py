@@ -29,13 +29,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from imu_noise_id import innovations, joint_innovations
+from imu_noise_id import innovations, joint_innovations, transfer_function
 from imu_noise_id.innovations import Innovations
 from imu_noise_id.recording import Floats, Mask
 from imu_noise_id.series import Series
@@ -126,12 +126,12 @@ class Cca:
         """Whether every zero of H(z) lies within the unit circle."""
         return self.H_z.minimum_phase
 
-    @property
+    @cached_property
     def settling_time_s(self) -> float | None:
         """Time of H(s) to 2 % of a step's change."""
         return settling_time_s(self.H_s) if self.H_s else None
 
-    @property
+    @cached_property
     def rise_time_s(self) -> float | None:
         """Time of H(s) from 10 to 90 % of a step's change."""
         return rise_time_s(self.H_s) if self.H_s else None
@@ -142,7 +142,7 @@ class Cca:
         rise = self.rise_time_s
         return 0.35 / rise if rise else None
 
-    @property
+    @cached_property
     def bandwidth_3db_hz(self) -> float | None:
         """Frequency at which |H(s)| has fallen by 3 dB; None where it never does."""
         return bandwidth_3db_hz(self.H_s) if self.H_s else None
@@ -336,6 +336,7 @@ def joint(channels: tuple[Series, ...], order: int | None = None) -> Joint:
 def warm_up() -> None:
     """Compile what the models need into numba's cache, for a build to call."""
     innovations.warm_up()
+    transfer_function.warm_up()
     rng = np.random.default_rng(0)
     channels = tuple(
         Series(rng.standard_normal(400), np.ones(400, dtype=bool), 1.0) for _ in range(2)
@@ -617,12 +618,17 @@ def _grow(
     values: Floats, observed: Mask, model: Innovations, found: list[_Correlations], room: int
 ) -> Innovations | None:
     """Put the new state in cascade with the model, refine, return the best by Schwarz."""
-    candidates = []
+    by_order: dict[int, list[tuple[Floats, Floats]]] = {}
     for scale in found:
         for phi, theta in _starts(scale, room):
             poles = innovations.admissible(np.asarray(np.polymul(model.phi, phi), float))
             zeros = innovations.admissible(np.asarray(np.polymul(model.theta, theta), float))
-            candidates.append(innovations.evaluate(values, observed, poles, zeros))
+            by_order.setdefault(poles.size, []).append((poles, zeros))
+    candidates = [
+        candidate
+        for same in by_order.values()
+        for candidate in innovations.evaluate_all(values, observed, same)
+    ]
     candidates.sort(key=_schwarz)
     chosen: list[Innovations] = []
     for order in sorted({candidate.order for candidate in candidates}):

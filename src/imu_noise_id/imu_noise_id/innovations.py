@@ -13,6 +13,7 @@ by side.  The free parameters are the atanh of the partial autocorrelations of p
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -22,6 +23,7 @@ from imu_noise_id.recording import Floats, Mask
 from imu_noise_id.transfer_function import stationary_covariance
 
 BLOCK = 4096
+LARGE = 1e100
 SETTLED = 1e-10
 """Predicted state variance, in units of s^2, below which the steady recursion takes over."""
 STEP = 1e-6
@@ -60,14 +62,36 @@ def white(values: Floats, observed: Mask) -> Innovations:
 
 def evaluate(values: Floats, observed: Mask, phi: Floats, theta: Floats) -> Innovations:
     """Likelihood of a stable phi and a minimum-phase theta of one length, mean already removed."""
-    if phi.size == 1:
-        return white(values, observed)
-    moments, logarithm, count = _moments(values, observed, *_filters(phi[None], theta[None]))
-    variance = moments[0, 0] / count
-    if not np.isfinite(variance + logarithm[0]):  # a record that no noise drives
-        return Innovations(phi, theta, 0.0, np.inf, int(count))
-    deviance = count * np.log(max(variance, 1e-300)) + logarithm[0]
-    return Innovations(phi, theta, float(variance), float(deviance), int(count))
+    return evaluate_all(values, observed, [(phi, theta)])[0]
+
+
+def evaluate_all(
+    values: Floats, observed: Mask, models: Sequence[tuple[Floats, Floats]]
+) -> list[Innovations]:
+    """Likelihoods of pairs of phi and theta of one order, side by side."""
+    if not models:
+        return []
+    if models[0][0].size == 1:
+        return [white(values, observed)] * len(models)
+    phi, theta = (np.stack(side) for side in zip(*models, strict=True))
+    moments, logarithm, count = _moments(values, observed, *_filters(phi, theta))
+    squares = moments[0, 0] + 2.0 * moments[0] + np.diag(moments)
+    squares[0] = moments[0, 0]  # the other rows are differences from the first
+    return [
+        _innovations(*model, float(squares[i]), float(logarithm[i]), int(count))
+        for i, model in enumerate(models)
+    ]
+
+
+def _innovations(
+    phi: Floats, theta: Floats, square: float, logarithm: float, count: int
+) -> Innovations:
+    """Model whose standardised innovations have that sum of squares, and sum of ln F."""
+    variance = square / count
+    if not np.isfinite(variance + logarithm):  # a record that no noise drives
+        return Innovations(phi, theta, 0.0, np.inf, count)
+    deviance = count * np.log(max(variance, 1e-300)) + logarithm
+    return Innovations(phi, theta, variance, deviance, count)
 
 
 def maximise(
@@ -89,30 +113,28 @@ def maximise(
     Innovations
     """
     free = np.concatenate((_to_free(start.phi), _to_free(start.theta)))
-    best = evaluate(values, observed, *_from_free(free))
+    best = _climb(values, observed, free)
     damping = 1e-3
     for _ in range(iterations):
-        gradient, curvature = _normal_equations(values, observed, free)
         improved = False
-        if not np.all(np.isfinite(curvature)):
+        if not np.all(np.isfinite(best.curvature)):
             break
         while damping < 1e8:
-            scale = np.diag(curvature) + 1e-9 * np.trace(curvature) + 1e-12
-            step = -np.linalg.solve(curvature + damping * np.diag(scale), gradient)
+            scale = np.diag(best.curvature) + 1e-9 * np.trace(best.curvature) + 1e-12
+            step = -np.linalg.solve(best.curvature + damping * np.diag(scale), best.gradient)
             step *= min(1.0, 2.0 / max(float(np.max(np.abs(step))), 1e-300))
-            trial = np.clip(free + step, -LIMIT, LIMIT)
-            model = evaluate(values, observed, *_from_free(trial))
-            if model.deviance < best.deviance:
+            trial = _climb(values, observed, np.clip(best.free + step, -LIMIT, LIMIT))
+            if trial.model.deviance < best.model.deviance:
                 improved = True
                 break
             damping *= 8.0
         if not improved:
             break
-        gain = best.deviance - model.deviance
-        free, best, damping = trial, model, max(damping * 0.2, 1e-9)
+        gain = best.model.deviance - trial.model.deviance
+        best, damping = trial, max(damping * 0.2, 1e-9)
         if gain < CLOSE:
             break
-    return best
+    return best.model
 
 
 def residuals(values: Floats, observed: Mask, model: Innovations) -> Floats:
@@ -182,19 +204,33 @@ def _filters(phi: Floats, theta: Floats) -> tuple[Floats, Floats, Floats]:
     return phi[:, 1:].copy(), gain, np.stack(start)
 
 
-def _normal_equations(values: Floats, observed: Mask, free: Floats) -> tuple[Floats, Floats]:
-    """Gradient and Gauss-Newton matrix of half the deviance."""
+@dataclass(frozen=True)
+class _Point:
+    """A model, and gradient and Gauss-Newton matrix of half its deviance, by the free ones."""
+
+    free: Floats
+    model: Innovations
+    gradient: Floats
+    curvature: Floats
+
+
+def _climb(values: Floats, observed: Mask, free: Floats) -> _Point:
+    """Likelihood and its derivatives from filters at the point and a step away from it."""
     points = np.vstack((free, free + STEP * np.eye(free.size)))
     phi, theta = (np.stack(side) for side in zip(*(_from_free(p) for p in points), strict=True))
     moments, logarithm, count = _moments(values, observed, *_filters(phi, theta))
+    square = float(moments[0, 0])
+    model = _innovations(phi[0], theta[0], square, float(logarithm[0]), int(count))
+    if not np.isfinite(model.deviance) or square == 0.0:
+        nothing = np.full((free.size, free.size), np.nan)
+        return _Point(free, model, nothing[0], nothing)
     slope = (logarithm[1:] - logarithm[0]) / (2.0 * count * STEP)
-    square = moments[0, 0]
     cross = moments[0, 1:] / STEP
     inner = moments[1:, 1:] / STEP**2
     gradient = cross + slope * square
     curvature = inner + np.outer(slope, cross) + np.outer(cross, slope)
     curvature += np.outer(slope, slope) * square
-    return gradient * count / square, curvature * count / square
+    return _Point(free, model, gradient * count / square, curvature * count / square)
 
 
 @numba.njit(cache=True)
@@ -202,7 +238,6 @@ def _moments(values, observed, phi, gain, start):  # type: ignore[no-untyped-def
     """Products of u of the first filter and of the others' differences from it; sum of ln F."""
     filters, order = phi.shape
     x, P = np.zeros((filters, order)), start.copy()
-    scratch = np.zeros(2 * order)
     u = np.zeros((filters, BLOCK))
     moments, logarithm = np.zeros((filters, filters)), np.zeros(filters)
     count = 0
@@ -210,10 +245,12 @@ def _moments(values, observed, phi, gain, start):  # type: ignore[no-untyped-def
         y = values[begin : begin + BLOCK]
         seen = observed[begin : begin + BLOCK]
         for i in range(filters):
-            logarithm[i] += _run(y, seen, phi[i], gain[i], x[i], P[i], scratch, u[i])
-        part = u[:, : y.size].copy()
-        part[1:] -= part[0]
-        moments += part @ part.T
+            logarithm[i] += _run(y, seen, phi[i], gain[i], x[i], P[i], u[i])
+        u[:, y.size :] = 0.0
+        for i in range(1, filters):
+            for k in range(y.size):
+                u[i, k] -= u[0, k]
+        moments += u @ u.T
         count += seen.sum()
     return moments, logarithm, count
 
@@ -221,18 +258,17 @@ def _moments(values, observed, phi, gain, start):  # type: ignore[no-untyped-def
 @numba.njit(cache=True)
 def _whiten(values, observed, phi, gain, start):  # type: ignore[no-untyped-def]
     """Standardised innovations of the first filter."""
-    order = phi.shape[1]
-    x, P, scratch = np.zeros(order), start[0].copy(), np.zeros(2 * order)
-    u = np.zeros(values.size)
-    _run(values, observed, phi[0], gain[0], x, P, scratch, u)
+    x, P, u = np.zeros(phi.shape[1]), start[0].copy(), np.zeros(values.size)
+    _run(values, observed, phi[0], gain[0], x, P, u)
     return u
 
 
 @numba.njit(cache=True)
-def _run(y, seen, phi, gain, x, P, scratch, u):  # type: ignore[no-untyped-def]
+def _run(y, seen, phi, gain, x, P, u):  # type: ignore[no-untyped-def]
     """Kalman filter over a block, updating x and P; standardised innovations in u."""
     order = phi.size
-    logarithm = 0.0
+    K, new = np.empty(order), np.empty((order, order))
+    logarithm, product = 0.0, 1.0
     steady = _largest(P) < SETTLED
     for k in range(y.size):
         first = x[0]
@@ -244,36 +280,39 @@ def _run(y, seen, phi, gain, x, P, scratch, u):  # type: ignore[no-untyped-def]
             u[k] = v
             continue
         F = P[0, 0] + 1.0
-        K = scratch[:order]
-        for i in range(order):
-            ahead = P[i + 1, 0] if i + 1 < order else 0.0
-            K[i] = (ahead - phi[i] * P[0, 0] + gain[i]) / F if seen[k] else 0.0
+        _advance_covariance(phi, gain, seen[k], P, K, new)
         for i in range(order):
             ahead = x[i + 1] if i + 1 < order else 0.0
             x[i] = ahead - phi[i] * first + K[i] * v
-        _propagate(phi, gain, K, F, P)
         steady = _largest(P) < SETTLED
+        u[k] = v / np.sqrt(F)
         if seen[k]:
-            logarithm += np.log(F)
-            u[k] = v / np.sqrt(F)
-        else:
-            u[k] = 0.0
-    return logarithm
+            product *= F
+            if product > LARGE:  # a logarithm costs as much as all the rest
+                logarithm += np.log(product)
+                product = 1.0
+    return logarithm + np.log(product)
 
 
 @numba.njit(cache=True)
-def _propagate(phi, gain, K, F, P):  # type: ignore[no-untyped-def]
-    """P = A P A' + gain gain' - K F K', A the companion of phi."""
+def _advance_covariance(phi, gain, seen, P, K, new):  # type: ignore[no-untyped-def]
+    """Gain K and P = A P A' + gain gain' - K F K', A the companion of phi; no gain if not seen."""
     order = phi.size
-    new = np.empty((order, order))
+    F = P[0, 0] + 1.0
+    inverse = 1.0 / F if seen else 0.0
     for i in range(order):
-        for j in range(order):
-            both = P[i + 1, j + 1] if i + 1 < order and j + 1 < order else 0.0
-            left = P[i + 1, 0] if i + 1 < order else 0.0
-            right = P[0, j + 1] if j + 1 < order else 0.0
+        ahead = P[i + 1, 0] if i + 1 < order else 0.0
+        K[i] = (ahead - phi[i] * P[0, 0] + gain[i]) * inverse
+    for i in range(order):
+        left = P[i + 1, 0] if i + 1 < order else 0.0
+        for j in range(i + 1):
+            both = P[i + 1, j + 1] if i + 1 < order else 0.0
+            right = P[j + 1, 0] if j + 1 < order else 0.0
             new[i, j] = both - phi[j] * left - phi[i] * right + phi[i] * phi[j] * P[0, 0]
             new[i, j] += gain[i] * gain[j] - K[i] * F * K[j]
-    P[:] = new
+    for i in range(order):
+        for j in range(i + 1):
+            P[i, j] = P[j, i] = new[i, j]
 
 
 @numba.njit(cache=True)

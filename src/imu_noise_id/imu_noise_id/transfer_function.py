@@ -11,8 +11,10 @@ time outside 2 % of that change (first order: ln 50/p), *rise* is from 10 to 90 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
@@ -128,9 +130,27 @@ def frequency_response(
 
 def drive(transfer: DiscreteTransfer, samples: Floats) -> Floats:
     """Output of H(z) for the given input, at rest before it, shape (n,)."""
-    from scipy.signal import lfilter  # half a second to import, and only simulation needs it
+    lead = transfer.denominator[0]
+    numerator = _same_length(transfer.numerator, transfer.denominator) / lead
+    denominator = _same_length(transfer.denominator, transfer.numerator) / lead
+    return np.asarray(_recursion(numerator, denominator, np.asarray(samples, dtype=np.float64)))
 
-    return np.asarray(lfilter(transfer.numerator, transfer.denominator, samples))
+
+def warm_up() -> None:
+    """Compile the recursion into numba's cache, for a build to call."""
+    drive(DiscreteTransfer(np.ones(1), np.array([1.0, -0.5]), 1.0), np.ones(3))
+
+
+@numba.njit(cache=True)
+def _recursion(b, a, samples):  # type: ignore[no-untyped-def]
+    """Transposed direct form, a[0] = 1; scipy.signal has it but takes a second to import."""
+    order = a.size - 1
+    state, out = np.zeros(order + 1), np.empty(samples.size)
+    for k in range(samples.size):
+        out[k] = b[0] * samples[k] + state[0]
+        for i in range(order):
+            state[i] = b[i + 1] * samples[k] + state[i + 1] - a[i + 1] * out[k]
+    return out
 
 
 def output_sigma(transfer: DiscreteTransfer) -> float | None:
@@ -180,7 +200,7 @@ def random_walk(transfer: DiscreteTransfer) -> float | None:
 
 def step_response(transfer: ContinuousTransfer, time_s: Floats) -> Floats:
     """Response of a stable H(s) to the unit step at the given times, shape of ``time_s``."""
-    return _final(transfer) + _transient(transfer, np.asarray(time_s, dtype=np.float64))
+    return _final(transfer) + _transient(transfer)(np.asarray(time_s, dtype=np.float64))
 
 
 def settling_time_s(transfer: ContinuousTransfer) -> float | None:
@@ -193,12 +213,13 @@ def rise_time_s(transfer: ContinuousTransfer) -> float | None:
     grid = _grid(transfer)
     if grid is None:
         return None
-    change = -_transient(transfer, np.zeros(1))[0]
+    transient = _transient(transfer)
+    change = -transient(np.zeros(1))[0]
     if abs(change) <= 1e-12 * max(abs(_final(transfer)), 1e-300):
         return None
 
     def done(t: Floats) -> Floats:
-        return 1.0 + _transient(transfer, t) / change
+        return 1.0 + transient(t) / change
 
     passages = [_bisect(lambda t, at=at: done(t) - at, grid, first=True) for at in (0.1, 0.9)]
     return None if None in passages else float(passages[1] - passages[0])  # type: ignore[operator]
@@ -222,11 +243,11 @@ def _final(transfer: ContinuousTransfer) -> float:
     return float(transfer.numerator[-1] / below) if below != 0.0 else np.inf
 
 
-def _transient(transfer: ContinuousTransfer, time_s: Floats) -> Floats:
-    """y(t) - y(inf) = C A^-1 e^(A t) B, times in units that keep A near one."""
+def _transient(transfer: ContinuousTransfer) -> Callable[[Floats], Floats]:
+    """y(t) - y(inf) = C A^-1 e^(A t) B as a function of t, times in units that keep A near one."""
     order = transfer.denominator.size - 1
     if order == 0:
-        return np.zeros(time_s.shape)
+        return lambda time_s: np.zeros(time_s.shape)
     scale = float(np.max(np.abs(transfer.poles)))
     powers = scale ** np.arange(order, -1, -1.0)
     a = transfer.denominator * powers / powers[0]
@@ -238,8 +259,8 @@ def _transient(transfer: ContinuousTransfer, time_s: Floats) -> Floats:
     values, vectors = np.linalg.eig(A)
     if np.linalg.cond(vectors) < 1e8:
         weights = (row @ vectors) * np.linalg.solve(vectors, B.astype(complex))
-        return np.asarray((np.exp(np.outer(time_s * scale, values)) @ weights).real)
-    return np.array([row @ linalg.expm(A * (t * scale)) @ B for t in time_s])
+        return lambda time_s: np.asarray((np.exp(np.outer(time_s * scale, values)) @ weights).real)
+    return lambda time_s: np.array([row @ linalg.expm(A * (t * scale)) @ B for t in time_s])
 
 
 def _grid(transfer: ContinuousTransfer) -> Floats | None:
@@ -260,10 +281,11 @@ def _last_crossing(transfer: ContinuousTransfer, part: float) -> float | None:
     grid = _grid(transfer)
     if grid is None:
         return None
-    limit = part * abs(_transient(transfer, np.zeros(1))[0])
+    transient = _transient(transfer)
+    limit = part * abs(transient(np.zeros(1))[0])
     if limit == 0.0:
         return 0.0
-    return _bisect(lambda t: limit - np.abs(_transient(transfer, t)), grid, first=False)
+    return _bisect(lambda t: limit - np.abs(transient(t)), grid, first=False)
 
 
 def _bisect(function, grid: Floats, *, first: bool) -> float | None:  # type: ignore[no-untyped-def]
