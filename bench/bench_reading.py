@@ -1,8 +1,7 @@
 """Read a long Imu bag: messages a second, peak memory, and peers on the same file.
 
 Each run is a process of its own, so that peak memory is the run's.  Rates are by the clock and, as
-other work on the machine slows that, by processor time.  The bag (zstd chunks, noise rounded to a
-sensor's LSB) is written once and kept in ``--folder``.
+other work on the machine slows that, by processor time.  The bag (zstd chunks; white noise, a random walk and a vibration, rounded to a sensor's LSB) is written once and kept in ``--folder``.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ from imu_noise_id.bag_writer import TopicBytes, write_bag
 
 from imu_noise_id import cdr
 
-BLOCK = 200_000
 RATE_HZ = 1000.0
 
 
@@ -32,15 +30,17 @@ def make_bag(path: Path, count: int) -> None:
         return
     rng = np.random.default_rng(1)
     stamp_ns = 1_700_000_000_000_000_000 + np.arange(count, dtype=np.int64) * 1_000_000
-    block = min(BLOCK, count)
     members: dict[str, np.ndarray | float] = {"orientation_covariance.0": -1.0}
     for sensor, sigma, lsb in (
         ("angular_velocity", 0.005, np.deg2rad(1 / 131)),
         ("linear_acceleration", 0.05, 9.80665 / 16384),
     ):
         for axis, mean in zip("xyz", (0.0, 0.0, 9.80665 if lsb > 5e-4 else 0.0), strict=True):
-            noise = mean + rng.normal(0.0, sigma, block)
-            members[f"{sensor}.{axis}"] = np.resize(np.rint(noise / lsb) * lsb, count)
+            noise = rng.normal(mean, sigma, count)
+            noise += np.cumsum(rng.normal(0.0, 1e-5 * sigma, count))
+            members[f"{sensor}.{axis}"] = np.rint(noise / lsb) * lsb
+    seconds = np.arange(count) / RATE_HZ
+    members["angular_velocity.x"] += 0.002 * np.sin(2.0 * np.pi * 43.0 * seconds)
     rows = cdr.encode(cdr.IMU, stamp_ns, members, "imu_link")
     write_bag(path, [TopicBytes("/imu/data", cdr.IMU, stamp_ns, rows)])
 
