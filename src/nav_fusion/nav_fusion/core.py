@@ -4,6 +4,10 @@ Everything that depends on the past (states, covariances, counters, the detector
 the arrays that a checkpoint copies.  A late measurement restores the newest checkpoint before it
 and repeats the steps since; the steps are a function of samples and measurements in order of
 *time* alone, so the bits do not depend on the order of arrival or on the size of the blocks.
+
+What happens at a sample's time, in this order: the interval that it ends, rest, publishing, a
+checkpoint, and last the measurements that hold at just that time: they change the next row, and
+one that comes with its sample or after it needs no rewind.
 """
 
 from __future__ import annotations
@@ -15,7 +19,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from nav_fusion.earth import normal_gravity
 from nav_fusion.observe import (
     ALIGNED_S,
     RESULT,
@@ -49,6 +52,8 @@ from nav_fusion.state import (
 )
 from nav_fusion.strapdown import (
     SCRATCH_SIZE,
+    Nine,
+    Three,
     mechanise,
     propagate_covariance,
     rotation_matrix,
@@ -71,6 +76,8 @@ OUTCOME = 18
 IMU_RING = 16384
 MEASUREMENT_RING = 1024
 CHECKPOINTS = 64
+MOST_SAMPLES = 4096
+REACH = IMU_RING - MOST_SAMPLES - 8
 
 # shared: what all hypotheses have in common, rewound with them
 BLOCK_START, BLOCK_COUNT, BLOCK_SUMS = 0, 1, 2
@@ -79,6 +86,7 @@ SHARED = 16
 
 # cursor: where the queues stand (int64)
 SAMPLES, HEAD_MEASUREMENT, NEXT, FIRST_CHECKPOINT, LAST_CHECKPOINT, AHEAD = 0, 1, 2, 3, 4, 5
+PUBLISH_DUE, CHECKPOINT_DUE = 6, 7
 CURSOR = 16
 
 # one row of output: r, v, q, then these
@@ -91,7 +99,7 @@ START, CHECKPOINT_PERIOD, PUBLISH_PERIOD, GAP, WINDOW, FURTHEST = 8, 9, 10, 11, 
 # constants
 GYRO_PSD, ACCEL_PSD, UNKNOWN, QUIET, STILL_USE = 0, 3, 6, 10, 28
 
-# work: sixteen vectors, one matrix and the last step before the scratch of its users
+# work: some vectors, one matrix and the last step before the scratch of its users
 MATRIX, LAST_DT, VECTORS = 48, 57, 64
 
 ACCEPTED, LATE, TOO_LATE, DUPLICATE, FULL = 0, 1, 2, 3, 4
@@ -203,39 +211,47 @@ def refresh_bias(s: Floats, slow: SlowModel) -> None:
 
 
 @njit(cache=True)
-def propagate(core: Core, sample: int, from_ns: int, to_ns: int) -> None:
-    """Take every hypothesis from one time to another inside the interval that ends at a sample.
+def at_part(a: Floats, b: Floats, first: int, x: float, s: Floats, bias: int) -> Three:
+    """Three readings at the part ``x`` of the way between two samples, less their biases."""
+    return (
+        a[first] + x * (b[first] - a[first]) - s[bias],
+        a[first + 1] + x * (b[first + 1] - a[first + 1]) - s[bias + 1],
+        a[first + 2] + x * (b[first + 2] - a[first + 2]) - s[bias + 2],
+    )
 
-    The covariance follows in steps of about ``COVARIANCE_STEP_S`` (:func:`settle`).
+
+@njit(cache=True)
+def glide(s: Floats, a: Floats, b: Floats, x0: float, x1: float, dt: float) -> None:
+    """Take a hypothesis from part ``x0`` to ``x1`` between two samples, ``dt`` long.
+
+    The covariance follows in steps of about ``COVARIANCE_STEP_S`` (:func:`settle`), for which
+    specific force and attitude are summed.
     """
+    w0, w1 = at_part(a, b, 0, x0, s, BIAS), at_part(a, b, 0, x1, s, BIAS)
+    f0, f1 = at_part(a, b, 3, x0, s, BIAS + 3), at_part(a, b, 3, x1, s, BIAS + 3)
+    force, C = mechanise(s, w0, w1, f0, f1, dt)
+    s[ELAPSED] += dt
+    for i in range(3):
+        s[FORCE_SUM + i] += dt * force[i]
+    for i in range(9):
+        s[TURN_SUM + i] += dt * C[i]
+
+
+@njit(cache=True)
+def propagate(core: Core, sample: int, from_ns: int, to_ns: int) -> None:
+    """Take every hypothesis from one time to another inside the interval that ends at a sample."""
     a, b = (sample - 1) % IMU_RING, sample % IMU_RING
     whole = float(core.imu_ns[b] - core.imu_ns[a])
     x0 = float(from_ns - core.imu_ns[a]) / whole
     x1 = float(to_ns - core.imu_ns[a]) / whole
     dt = float(to_ns - from_ns) * 1e-9
-    u = core.work[:MATRIX].reshape(16, 3)
-    C = core.work[MATRIX : MATRIX + 9].reshape(3, 3)
     k = core.constants
     gap = whole > core.cursor[GAP]
     for h in range(core.bank.shape[0]):
         s = core.bank[h]
         if s[ALIVE] == 0.0:
             continue
-        for i in range(3):
-            w0, w1 = core.imu[a, i] - s[BIAS + i], core.imu[b, i] - s[BIAS + i]
-            f0, f1 = core.imu[a, 3 + i] - s[BIAS + 3 + i], core.imu[b, 3 + i] - s[BIAS + 3 + i]
-            u[2, i] = w0 + x0 * (w1 - w0)
-            u[3, i] = w0 + x1 * (w1 - w0)
-            u[4, i] = f0 + x0 * (f1 - f0)
-            u[5, i] = f0 + x1 * (f1 - f0)
-        mechanise(
-            s[R : R + 3], s[V : V + 3], s[Q : Q + 4], u[2], u[3], u[4], u[5], dt, C, u[6], u[7]
-        )
-        s[ELAPSED] += dt
-        for i in range(3):
-            s[FORCE_SUM + i] += dt * u[6, i]
-            for j in range(3):
-                s[TURN_SUM + 3 * i + j] += dt * C[i, j]
+        glide(s, core.imu[a], core.imu[b], x0, x1, dt)
         if gap:
             s[GAP_VARIANCE] += dt * disturbance_psd(1e-9 * whole, k[UNKNOWN], k[UNKNOWN + 1])
             s[GAP_VARIANCE + 1] += dt * disturbance_psd(
@@ -243,6 +259,29 @@ def propagate(core: Core, sample: int, from_ns: int, to_ns: int) -> None:
             )
         if s[ELAPSED] + 0.5 * dt >= COVARIANCE_STEP_S:
             settle(core, s)
+
+
+@njit(cache=True)
+def coast(core: Core, first: int, last: int) -> None:
+    """Take every hypothesis over the whole intervals that end at samples ``first`` to ``last``-1.
+
+    The same as :func:`advance` sample by sample where nothing happens at any of them.
+    """
+    if first == last:
+        return
+    for h in range(core.bank.shape[0]):
+        s = core.bank[h]
+        if s[ALIVE] == 0.0:
+            continue
+        for sample in range(first, last):
+            a, b = (sample - 1) % IMU_RING, sample % IMU_RING
+            dt = float(core.imu_ns[b] - core.imu_ns[a]) * 1e-9
+            glide(s, core.imu[a], core.imu[b], 0.0, 1.0, dt)
+            if s[ELAPSED] + 0.5 * dt >= COVARIANCE_STEP_S:
+                settle(core, s)
+    for sample in range(first, last):
+        add_to_block(core.shared, core.imu[sample % IMU_RING])
+    core.cursor[SAMPLES] = last
 
 
 @njit(cache=True)
@@ -256,24 +295,44 @@ def settle(core: Core, s: Floats) -> None:
     if dt == 0.0:
         return
     m = core.target.size
-    u = core.work[:MATRIX].reshape(16, 3)
-    C = core.work[MATRIX : MATRIX + 9].reshape(3, 3)
     slow, work = slow_of(core), scratch_views(core.work[VECTORS:], m)
-    for i in range(3):
-        u[6, i] = s[FORCE_SUM + i] / dt
-        for j in range(3):
-            C[i, j] = s[TURN_SUM + 3 * i + j] / dt
-        u[12, i] = core.constants[GYRO_PSD + i] + s[GAP_VARIANCE + 1] / dt
-        u[13, i] = core.constants[ACCEL_PSD + i] + s[GAP_VARIANCE] / dt
     if dt != core.work[LAST_DT]:
         slow_step(slow, dt, work.decay, work.mean, work.half_noise)
         core.work[LAST_DT] = dt
-    normal_gravity(s[R : R + 3], u[7])
-    propagate_covariance(s[SLOW + m :], C, u[6], s[R : R + 3], u[7], dt, slow, u[12], u[13], work)
-    for k in range(m):
-        s[SLOW + k] *= work.decay[k]
+    k, x = core.constants, 1.0 / dt
+    turn, force = x * s[GAP_VARIANCE + 1], x * s[GAP_VARIANCE]
+    propagate_covariance(
+        s[SLOW + m :],
+        mean_attitude(s, x),
+        (x * s[FORCE_SUM], x * s[FORCE_SUM + 1], x * s[FORCE_SUM + 2]),
+        (s[R], s[R + 1], s[R + 2]),
+        dt,
+        slow,
+        (k[GYRO_PSD] + turn, k[GYRO_PSD + 1] + turn, k[GYRO_PSD + 2] + turn),
+        (k[ACCEL_PSD] + force, k[ACCEL_PSD + 1] + force, k[ACCEL_PSD + 2] + force),
+        work,
+    )
+    for i in range(m):
+        s[SLOW + i] *= work.decay[i]
     s[ELAPSED : GAP_VARIANCE + 2] = 0.0
     refresh_bias(s, slow)
+
+
+@njit(cache=True)
+def mean_attitude(s: Floats, x: float) -> Nine:
+    """Mean rotation matrix, by rows, of what was summed since the last :func:`settle`."""
+    c = s[TURN_SUM : TURN_SUM + 9]
+    return (
+        x * c[0],
+        x * c[1],
+        x * c[2],
+        x * c[3],
+        x * c[4],
+        x * c[5],
+        x * c[6],
+        x * c[7],
+        x * c[8],
+    )
 
 
 @njit(cache=True)
@@ -359,7 +418,7 @@ def prune(core: Core, time_s: float) -> None:
 
 @njit(cache=True)
 def correct(core: Core, index: int, sample: int) -> None:
-    """Apply measurement ``index`` to every living hypothesis."""
+    """Apply measurement ``index`` to every living hypothesis; ``sample`` is the last before it."""
     kind, z = core.kind[index], core.z[index]
     time_s = float(core.measurement_ns[index] - core.cursor[START]) * 1e-9
     rate = core.work[:3]
@@ -373,7 +432,7 @@ def correct(core: Core, index: int, sample: int) -> None:
             correct_by_fix(s, slow, z, time_s, sensing, update)
         elif kind == VELOCITY_KIND:
             for i in range(3):
-                rate[i] = core.imu[(sample - 1) % IMU_RING, i] - s[BIAS + i]
+                rate[i] = core.imu[sample % IMU_RING, i] - s[BIAS + i]
             correct_by_velocity(s, slow, z, rate, sensing, update)
         else:
             correct_by_field(s, slow, z, sensing, update)
@@ -386,26 +445,35 @@ def correct(core: Core, index: int, sample: int) -> None:
 
 
 @njit(cache=True)
-def watch_rest(core: Core, sample: int) -> None:
-    """Sum the sample into its block; when the block is full, see whether the platform rests."""
-    d, b = core.shared, sample % IMU_RING
-    time = float(core.imu_ns[b] - core.cursor[START]) * 1e-9
-    if d[BLOCK_COUNT] == 0.0:
-        d[BLOCK_START] = time
+def add_to_block(d: Floats, reading: Floats) -> None:
+    """Sum a sample into the block that is watched for rest."""
     d[BLOCK_COUNT] += 1.0
     for i in range(3):
-        w, f = core.imu[b, i], core.imu[b, 3 + i]
+        w, f = reading[i], reading[3 + i]
         d[BLOCK_SUMS + i] += w
         d[BLOCK_SUMS + 3 + i] += f
         d[BLOCK_SUMS + 6] += w * w
         d[BLOCK_SUMS + 7] += f * f
-    if time - d[BLOCK_START] >= core.constants[QUIET + 2]:
-        close_block(core, time - d[BLOCK_START])
 
 
 @njit(cache=True)
-def close_block(core: Core, length_s: float) -> None:
+def begin_block(core: Core, time_ns: int) -> None:
+    """Begin to watch a new block after a sample's time."""
+    core.shared[BLOCK_START : BLOCK_SUMS + 8] = 0.0
+    core.shared[BLOCK_START] = float(time_ns - core.cursor[START])
+
+
+@njit(cache=True)
+def block_due(core: Core) -> int:
+    """Time at or after which a sample ends the block."""
+    length = core.shared[BLOCK_START] + 1e9 * core.constants[QUIET + 2]
+    return core.cursor[START] + int(length)
+
+
+@njit(cache=True)
+def close_block(core: Core, time_ns: int) -> None:
     """Decide whether the block was quiet; correct by rest after enough quiet blocks in a row."""
+    length_s = (float(time_ns - core.cursor[START]) - core.shared[BLOCK_START]) * 1e-9
     d, mean = core.shared, core.work[24:27]
     n = d[BLOCK_COUNT]
     rate2 = 0.0
@@ -421,7 +489,7 @@ def close_block(core: Core, length_s: float) -> None:
     d[QUIET_BLOCKS] = d[QUIET_BLOCKS] + 1.0 if quiet else 0.0
     if rate2 > core.constants[QUIET + 4] ** 2:
         d[FAST_BLOCKS] += 1.0
-    d[BLOCK_START : BLOCK_SUMS + 8] = 0.0
+    begin_block(core, time_ns)
     d[STILL] = 1.0 if d[QUIET_BLOCKS] >= core.constants[QUIET + 3] else 0.0
     if d[STILL] == 0.0 or core.constants[STILL_USE] == 0.0:
         return
@@ -447,13 +515,14 @@ def save_checkpoint(core: Core) -> None:
         c[FIRST_CHECKPOINT] = c[LAST_CHECKPOINT] - CHECKPOINTS + 1
     k = c[LAST_CHECKPOINT] % CHECKPOINTS
     core.checkpoint_sample[k] = c[SAMPLES]
+    c[CHECKPOINT_DUE] = checkpoint_ns(core, k) + c[CHECKPOINT_PERIOD]
     core.checkpoint_shared[k, :] = core.shared
     for h in range(core.bank.shape[0]):
         if core.bank[h, ALIVE] > 0.0:
             core.checkpoint_bank[k, h, :] = core.bank[h]
         else:
             core.checkpoint_bank[k, h, ALIVE] = 0.0
-    while core.checkpoint_sample[c[FIRST_CHECKPOINT] % CHECKPOINTS] < c[SAMPLES] - IMU_RING + 8:
+    while core.checkpoint_sample[c[FIRST_CHECKPOINT] % CHECKPOINTS] < c[SAMPLES] - REACH:
         c[FIRST_CHECKPOINT] += 1
 
 
@@ -464,39 +533,85 @@ def checkpoint_ns(core: Core, k: int) -> int:
 
 
 @njit(cache=True)
-def advance(core: Core, sample: int) -> None:
-    """Take the filter over the interval that ends at ``sample`` (in the ring already)."""
+def advance(core: Core, sample: int) -> bool:
+    """Take the filter over the interval that ends at ``sample`` (in the ring already).
+
+    Returns whether a row is due.  Measurements at just the sample's time are left to
+    :func:`apply_due`.
+    """
     c = core.cursor
     start = core.imu_ns[(sample - 1) % IMU_RING]
     end = core.imu_ns[sample % IMU_RING]
+    gap = end - start > c[GAP]
     now = start
-    if end - now > core.cursor[GAP]:
-        core.shared[GAPS] += 1.0
-        core.shared[GAP_S] += float(end - now) * 1e-9
-        core.shared[BLOCK_START : QUIET_BLOCKS + 1] = 0.0
-    while c[NEXT] < c[HEAD_MEASUREMENT] and core.measurement_ns[c[NEXT]] <= end:
+    while c[NEXT] < c[HEAD_MEASUREMENT] and core.measurement_ns[c[NEXT]] < end:
         at = core.measurement_ns[c[NEXT]]
         if at > now:
             propagate(core, sample, now, at)
             now = at
-        correct(core, c[NEXT], sample)
+        correct(core, c[NEXT], sample - 1)
         c[NEXT] += 1
-    if end > now:
-        propagate(core, sample, now, end)
-    watch_rest(core, sample)
-    if end // core.cursor[PUBLISH_PERIOD] != start // core.cursor[PUBLISH_PERIOD]:
-        settle_all(core)
+    propagate(core, sample, now, end)
     c[SAMPLES] = sample + 1
-    if end - checkpoint_ns(core, c[LAST_CHECKPOINT]) >= core.cursor[CHECKPOINT_PERIOD]:
+    if gap:
+        core.shared[GAPS] += 1.0
+        core.shared[GAP_S] += float(end - start) * 1e-9
+        core.shared[QUIET_BLOCKS] = 0.0
+        begin_block(core, end)
+    else:
+        add_to_block(core.shared, core.imu[sample % IMU_RING])
+        if end >= block_due(core):
+            close_block(core, end)
+    due = end >= c[PUBLISH_DUE]
+    if due:
+        settle_all(core)
+        c[PUBLISH_DUE] = next_publish(core, end)
+    if end >= c[CHECKPOINT_DUE]:
         save_checkpoint(core)
+    return due
+
+
+@njit(cache=True)
+def next_publish(core: Core, time_ns: int) -> int:
+    """First multiple of the publishing period after a time."""
+    period = core.cursor[PUBLISH_PERIOD]
+    return (time_ns // period + 1) * period
+
+
+@njit(cache=True)
+def apply_due(core: Core) -> None:
+    """Apply the measurements that hold at the newest sample's time."""
+    c = core.cursor
+    now = core.imu_ns[(c[SAMPLES] - 1) % IMU_RING]
+    while c[NEXT] < c[HEAD_MEASUREMENT] and core.measurement_ns[c[NEXT]] <= now:
+        correct(core, c[NEXT], c[SAMPLES] - 1)
+        c[NEXT] += 1
+
+
+@njit(cache=True)
+def eventless_until(core: Core, last: int) -> int:
+    """First sample from the next one on, or ``last``, at which anything but motion happens."""
+    c = core.cursor
+    due = min(c[PUBLISH_DUE], c[CHECKPOINT_DUE], block_due(core))
+    if c[NEXT] < c[HEAD_MEASUREMENT]:
+        due = min(due, core.measurement_ns[c[NEXT]])
+    sample = c[SAMPLES]
+    before = core.imu_ns[(sample - 1) % IMU_RING]
+    while sample < last:
+        time = core.imu_ns[sample % IMU_RING]
+        if time >= due or time - before > c[GAP]:
+            break
+        before = time
+        sample += 1
+    return sample
 
 
 @njit(cache=True)
 def rewind(core: Core, before_ns: int) -> None:
-    """Restore the newest checkpoint before a time and repeat the samples since."""
+    """Restore the newest checkpoint not after a time and repeat the samples since."""
     c = core.cursor
     head = c[SAMPLES]
-    while checkpoint_ns(core, c[LAST_CHECKPOINT]) >= before_ns:
+    while checkpoint_ns(core, c[LAST_CHECKPOINT]) > before_ns:
         c[LAST_CHECKPOINT] -= 1
     k = c[LAST_CHECKPOINT] % CHECKPOINTS
     core.shared[:] = core.checkpoint_shared[k]
@@ -506,12 +621,18 @@ def rewind(core: Core, before_ns: int) -> None:
         else:
             core.bank[h, ALIVE] = 0.0
     c[SAMPLES] = core.checkpoint_sample[k]
-    time = checkpoint_ns(core, c[LAST_CHECKPOINT])
+    time = checkpoint_ns(core, k)
+    c[CHECKPOINT_DUE] = time + c[CHECKPOINT_PERIOD]
+    c[PUBLISH_DUE] = next_publish(core, time)
     c[NEXT] = 0
-    while c[NEXT] < c[HEAD_MEASUREMENT] and core.measurement_ns[c[NEXT]] <= time:
+    while c[NEXT] < c[HEAD_MEASUREMENT] and core.measurement_ns[c[NEXT]] < time:
         c[NEXT] += 1
-    for sample in range(c[SAMPLES], head):
-        advance(core, sample)
+    apply_due(core)
+    while c[SAMPLES] < head:
+        coast(core, c[SAMPLES], eventless_until(core, head))
+        if c[SAMPLES] < head:
+            advance(core, c[SAMPLES])
+            apply_due(core)
 
 
 @njit(cache=True)
@@ -572,6 +693,9 @@ def insert(core: Core, time_ns: int, kind: int, z: Floats) -> int:
     c[HEAD_MEASUREMENT] += 1
     if time_ns > now:
         return ACCEPTED
+    if time_ns == now and place == c[NEXT]:
+        apply_due(core)
+        return ACCEPTED
     rewind(core, time_ns)
     return LATE
 
@@ -590,23 +714,31 @@ def drop_ahead(core: Core, end: int) -> None:
 
 @njit(cache=True)
 def feed(core: Core, stamp_ns: Ints, rate: Floats, force: Floats, out_ns: Ints, out: Floats) -> int:
-    """Take a block of samples (stamps ascending); returns how many rows of output became due."""
+    """Take a block of samples (stamps ascending); returns how many rows of output became due.
+
+    No more than ``MOST_SAMPLES`` at a time: rewinding needs those before.
+    """
     c = core.cursor
-    period = core.cursor[PUBLISH_PERIOD]
-    rows = 0
+    first = c[SAMPLES]
+    last = first + stamp_ns.size
     for i in range(stamp_ns.size):
-        sample = c[SAMPLES]
-        k = sample % IMU_RING
+        k = (first + i) % IMU_RING
         core.imu_ns[k] = stamp_ns[i]
         core.imu[k, 0:3] = rate[i]
         core.imu[k, 3:6] = force[i]
-        drop_ahead(core, stamp_ns[i])
-        advance(core, sample)
-        before = core.imu_ns[(sample - 1) % IMU_RING]
-        if stamp_ns[i] // period != before // period:
-            out_ns[rows] = stamp_ns[i]
-            write_output(core, k, out[rows])
+    if stamp_ns.size > 0:
+        drop_ahead(core, stamp_ns[0])
+    rows = 0
+    while c[SAMPLES] < last:
+        coast(core, c[SAMPLES], eventless_until(core, last))
+        if c[SAMPLES] == last:
+            break
+        sample = c[SAMPLES]
+        if advance(core, sample):
+            out_ns[rows] = core.imu_ns[sample % IMU_RING]
+            write_output(core, sample % IMU_RING, out[rows])
             rows += 1
+        apply_due(core)
     return rows
 
 
@@ -619,6 +751,8 @@ def begin(core: Core, stamp_ns: int, rate: Floats, force: Floats) -> None:
     core.cursor[SAMPLES] = 1
     core.cursor[FIRST_CHECKPOINT] = 0
     core.cursor[LAST_CHECKPOINT] = -1
+    core.cursor[PUBLISH_DUE] = next_publish(core, stamp_ns)
+    begin_block(core, stamp_ns)
     save_checkpoint(core)
 
 

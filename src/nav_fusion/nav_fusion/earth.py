@@ -25,25 +25,28 @@ J4 = -2.3709112005e-6
 
 
 @njit(cache=True)
-def normal_gravity(r: Floats, g: Floats) -> None:
-    """Gravity at the ECEF point ``r`` (3,) into ``g`` (3,): zonal field plus centrifugal, m/s^2.
+def gravity_at(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Gravity at an ECEF point: zonal field plus centrifugal, m/s^2.
 
     Gradient of mu/r (1 - J2 (a/r)^2 P2(s) - J4 (a/r)^4 P4(s)), s = z/r (Hofmann-Wellenhof and
     Moritz, Physical Geodesy, ch. 2); agrees with Somigliana's closed form to 1e-6 m/s^2.
     """
-    r2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
-    radius = math.sqrt(r2)
-    k = GRAVITATIONAL_CONSTANT_M3_S2 / (r2 * radius)
-    a2 = EQUATORIAL_RADIUS_M * EQUATORIAL_RADIUS_M / r2
-    s2 = r[2] * r[2] / r2
+    inverse2 = 1.0 / (x * x + y * y + z * z)
+    k = GRAVITATIONAL_CONSTANT_M3_S2 * inverse2 * math.sqrt(inverse2)
+    a2 = EQUATORIAL_RADIUS_M * EQUATORIAL_RADIUS_M * inverse2
+    s2 = z * z * inverse2
     c2 = 1.5 * J2 * a2
     c4 = 0.625 * J4 * a2 * a2
     horizontal = 1.0 + c2 * (1.0 - 5.0 * s2) - c4 * (3.0 - 42.0 * s2 + 63.0 * s2 * s2)
     vertical = 1.0 + c2 * (3.0 - 5.0 * s2) - c4 * (15.0 - 70.0 * s2 + 63.0 * s2 * s2)
-    centrifugal = EARTH_RATE_RAD_S * EARTH_RATE_RAD_S
-    g[0] = -k * r[0] * horizontal + centrifugal * r[0]
-    g[1] = -k * r[1] * horizontal + centrifugal * r[1]
-    g[2] = -k * r[2] * vertical
+    level = EARTH_RATE_RAD_S * EARTH_RATE_RAD_S - k * horizontal
+    return level * x, level * y, -k * vertical * z
+
+
+@njit(cache=True)
+def normal_gravity(r: Floats, g: Floats) -> None:
+    """Gravity at the ECEF point ``r`` (3,) into ``g`` (3,)."""
+    g[0], g[1], g[2] = gravity_at(r[0], r[1], r[2])
 
 
 def somigliana_gravity(latitude_rad: float, altitude_m: float) -> float:

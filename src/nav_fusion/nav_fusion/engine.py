@@ -407,19 +407,18 @@ class Engine:
         return finite & (stamp_ns > before)
 
     def _feed(self, stamp_ns: Stamps, rate: Floats, force: Floats) -> Rows:
+        most = core.MOST_SAMPLES
+        if stamp_ns.size > most:
+            starts = range(0, stamp_ns.size, most)
+            parts = [slice(a, a + most) for a in starts]
+            return joined([self._feed(stamp_ns[p], rate[p], force[p]) for p in parts])
         assert self._core is not None
         if self._out_ns.size < stamp_ns.size:
             self._out_ns = np.zeros(stamp_ns.size, dtype=np.int64)
             self._out = np.zeros((stamp_ns.size, core.OUT_SIZE))
+        rate, force = np.ascontiguousarray(rate), np.ascontiguousarray(force)
         before = int(self._core.cursor[core.AHEAD])
-        count = core.feed(
-            self._core,
-            stamp_ns,
-            np.ascontiguousarray(rate),
-            np.ascontiguousarray(force),
-            self._out_ns,
-            self._out,
-        )
+        count = core.feed(self._core, stamp_ns, rate, force, self._out_ns, self._out)
         ahead = int(self._core.cursor[core.AHEAD]) - before
         if ahead:
             self._reject(f"fixes more than {AHEAD_S:g} s ahead of the IMU's clock", ahead)

@@ -16,11 +16,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from nav_fusion.earth import EARTH_RATE_RAD_S, normal_gravity
-from nav_fusion.state import IMU_TARGETS, NAV, STRIDE, SlowModel
+from nav_fusion.earth import EARTH_RATE_RAD_S, gravity_at
+from nav_fusion.state import IMU_TARGETS, NAV, STRIDE, Q, R, SlowModel, V
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Three = tuple[float, float, float]
+Four = tuple[float, float, float, float]
+Nine = tuple[float, float, float, float, float, float, float, float, float]
 
 
 @njit(cache=True)
@@ -69,68 +72,117 @@ def rotate_left(q: Floats, a: float, b: float, c: float) -> None:
 
 
 @njit(cache=True)
-def mechanise(
-    r: Floats,
-    v: Floats,
-    q: Floats,
-    w0: Floats,
-    w1: Floats,
-    f0: Floats,
-    f1: Floats,
-    dt: float,
-    C: Floats,
-    f_e: Floats,
-    g: Floats,
-) -> None:
-    """Advance position, velocity and attitude by ``dt`` between two samples, biases removed.
+def turn_between(w0: Three, w1: Three, dt: float) -> Three:
+    """Rotation vector of a rate that runs straight from w0 to w1: coning to second order.
 
-    Angular rate and specific force run straight from sample 0 to sample 1: coning to second order
-    (w0 x w1 dt^2/12, Savage 1998), the specific force turned at the middle of the step, position
-    by the trapezoid.  ``C`` becomes the attitude at the middle, ``f_e`` the specific force in e.
+    dt (w0 + w1)/2 + dt^2/12 w0 x w1 (Savage 1998).
     """
-    half = 0.5 * dt
-    c = dt * dt / 12.0
-    a0 = half * (w0[0] + w1[0]) + c * (w0[1] * w1[2] - w0[2] * w1[1])
-    a1 = half * (w0[1] + w1[1]) + c * (w0[2] * w1[0] - w0[0] * w1[2])
-    a2 = half * (w0[2] + w1[2]) + c * (w0[0] * w1[1] - w0[1] * w1[0])
-    rotate_right(q, 0.5 * a0, 0.5 * a1, 0.5 * a2)
-    rotate_left(q, 0.0, 0.0, -0.5 * EARTH_RATE_RAD_S * dt)
-    rotation_matrix(q, C)
-    # sculling: the slope of f meets the turn about the middle, dt^2/12 (w x (f1 - f0))
+    half, c = 0.5 * dt, dt * dt / 12.0
+    return (
+        half * (w0[0] + w1[0]) + c * (w0[1] * w1[2] - w0[2] * w1[1]),
+        half * (w0[1] + w1[1]) + c * (w0[2] * w1[0] - w0[0] * w1[2]),
+        half * (w0[2] + w1[2]) + c * (w0[0] * w1[1] - w0[1] * w1[0]),
+    )
+
+
+@njit(cache=True)
+def force_between(f0: Three, f1: Three, a: Three) -> Three:
+    """Mean specific force in the axes of the middle of a step that turns by ``a``.
+
+    Sculling: the slope of f meets the turn about the middle, a x (f1 - f0)/12; and the second
+    order of the turn within the step, |a|^2/24 of f (Magnus).
+    """
     s0, s1, s2 = f1[0] - f0[0], f1[1] - f0[1], f1[2] - f0[2]
-    x = 0.5 * (f0[0] + f1[0]) + (a1 * s2 - a2 * s1) / 12.0
-    y = 0.5 * (f0[1] + f1[1]) + (a2 * s0 - a0 * s2) / 12.0
-    z = 0.5 * (f0[2] + f1[2]) + (a0 * s1 - a1 * s0) / 12.0
-    # second order of the turn within the step: (w dt)^2/24 of f (Magnus)
-    turn2 = (a0 * a0 + a1 * a1 + a2 * a2) / 24.0
-    along = (a0 * x + a1 * y + a2 * z) / 24.0
-    keep = 1.0 - turn2
-    x, y, z = keep * x + a0 * along, keep * y + a1 * along, keep * z + a2 * along
-    for i in range(3):
-        f_e[i] = C[i, 0] * x + C[i, 1] * y + C[i, 2] * z
-    normal_gravity(r, g)
-    u0, u1, u2 = v[0], v[1], v[2]
-    twice = 2.0 * EARTH_RATE_RAD_S
-    v[0] = u0 + dt * (f_e[0] + g[0] + twice * u1)
-    v[1] = u1 + dt * (f_e[1] + g[1] - twice * u0)
-    v[2] = u2 + dt * (f_e[2] + g[2])
-    r[0] += half * (u0 + v[0])
-    r[1] += half * (u1 + v[1])
-    r[2] += half * (u2 + v[2])
-    rotate_right(q, 0.5 * a0, 0.5 * a1, 0.5 * a2)
-    rotate_left(q, 0.0, 0.0, -0.5 * EARTH_RATE_RAD_S * dt)
+    x = 0.5 * (f0[0] + f1[0]) + (a[1] * s2 - a[2] * s1) / 12.0
+    y = 0.5 * (f0[1] + f1[1]) + (a[2] * s0 - a[0] * s2) / 12.0
+    z = 0.5 * (f0[2] + f1[2]) + (a[0] * s1 - a[1] * s0) / 12.0
+    keep = 1.0 - (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]) / 24.0
+    along = (a[0] * x + a[1] * y + a[2] * z) / 24.0
+    return keep * x + a[0] * along, keep * y + a[1] * along, keep * z + a[2] * along
+
+
+@njit(cache=True)
+def half_turn(a: Three) -> Four:
+    """Quaternion of half a rotation vector: cos |a|/4, a/|a| sin |a|/4."""
+    x = 0.0625 * (a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+    if x < 1e-3:
+        cosine = 1.0 - x * (0.5 - x * (1.0 / 24.0 - x / 720.0))
+        sine = 0.25 * (1.0 - x * (1.0 / 6.0 - x * (1.0 / 120.0 - x / 5040.0)))
+    else:
+        quarter = math.sqrt(x)
+        cosine = math.cos(quarter)
+        sine = 0.25 * math.sin(quarter) / quarter
+    return cosine, sine * a[0], sine * a[1], sine * a[2]
+
+
+@njit(cache=True)
+def turned_both(q: Four, h: Four, e: float) -> Four:
+    """exp(-e z) q h, with z the Earth's axis: the Earth turns under the body that turns by h."""
+    w = q[0] * h[0] - q[1] * h[1] - q[2] * h[2] - q[3] * h[3]
+    x = q[0] * h[1] + q[1] * h[0] + q[2] * h[3] - q[3] * h[2]
+    y = q[0] * h[2] - q[1] * h[3] + q[2] * h[0] + q[3] * h[1]
+    z = q[0] * h[3] + q[1] * h[2] - q[2] * h[1] + q[3] * h[0]
+    c = 1.0 - 0.5 * e * e
+    return c * w + e * z, c * x + e * y, c * y - e * x, c * z - e * w
+
+
+@njit(cache=True)
+def matrix_elements(q: Four) -> Nine:
+    """Rotation matrix of a unit quaternion (w, x, y, z), by rows."""
+    w, x, y, z = q
+    return (
+        1 - 2 * (y * y + z * z),
+        2 * (x * y - w * z),
+        2 * (x * z + w * y),
+        2 * (x * y + w * z),
+        1 - 2 * (x * x + z * z),
+        2 * (y * z - w * x),
+        2 * (x * z - w * y),
+        2 * (y * z + w * x),
+        1 - 2 * (x * x + y * y),
+    )
+
+
+@njit(cache=True)
+def mechanise(
+    s: Floats, w0: Three, w1: Three, f0: Three, f1: Three, dt: float
+) -> tuple[Three, Nine]:
+    """Advance position, velocity and attitude, the first ten of ``s``, by ``dt``.
+
+    Angular rate and specific force, biases removed, run straight from sample 0 to sample 1; the
+    specific force is turned at the middle of the step, position goes by the trapezoid.  Returns
+    the specific force in e and the attitude at the middle.
+    """
+    a = turn_between(w0, w1, dt)
+    h, e = half_turn(a), 0.25 * EARTH_RATE_RAD_S * dt
+    middle = turned_both((s[Q], s[Q + 1], s[Q + 2], s[Q + 3]), h, e)
+    C = matrix_elements(middle)
+    x, y, z = force_between(f0, f1, a)
+    f = (
+        C[0] * x + C[1] * y + C[2] * z,
+        C[3] * x + C[4] * y + C[5] * z,
+        C[6] * x + C[7] * y + C[8] * z,
+    )
+    g = gravity_at(s[R], s[R + 1], s[R + 2])
+    v0, v1, v2 = s[V], s[V + 1], s[V + 2]
+    twice, half = 2.0 * EARTH_RATE_RAD_S, 0.5 * dt
+    n0 = v0 + dt * (f[0] + g[0] + twice * v1)
+    n1 = v1 + dt * (f[1] + g[1] - twice * v0)
+    n2 = v2 + dt * (f[2] + g[2])
+    s[R] += half * (v0 + n0)
+    s[R + 1] += half * (v1 + n1)
+    s[R + 2] += half * (v2 + n2)
+    s[V], s[V + 1], s[V + 2] = n0, n1, n2
+    q = turned_both(middle, h, e)
+    # one Newton step towards length 1, from which rounding alone has led away
+    scale = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    s[Q], s[Q + 1], s[Q + 2], s[Q + 3] = scale * q[0], scale * q[1], scale * q[2], scale * q[3]
+    return f, C
 
 
 @njit(cache=True)
 def transition_rows(
-    M: Floats,
-    B: Floats,
-    out: Floats,
-    columns: int,
-    f: Floats,
-    u: tuple[float, float, float],
-    k: float,
-    dt: float,
+    M: Floats, B: Floats, out: Floats, columns: int, f: Three, u: Three, k: float, dt: float
 ) -> None:
     """F_nav applied to the nine navigation rows of ``M`` and the six bias rows ``B``, into ``out``.
 
@@ -165,16 +217,20 @@ def transition_rows(
 
 
 @njit(cache=True)
-def bias_rows(M: Floats, columns: int, weight: Floats, target: Ints, C: Floats, B: Floats) -> None:
+def bias_rows(M: Floats, columns: int, mean: Floats, target: Ints, C: Nine, B: Floats) -> None:
     """Six rows of ``B``: the slow states of each inertial axis, with weights, turned into e."""
-    for j in range(6 * STRIDE):
-        B[j] = 0.0
+    B[: 6 * STRIDE] = 0.0
     for s in range(target.size):
         t = target[s]
         if t >= IMU_TARGETS:
             break
-        axis, to, source = t % 3, (t // 3) * 3 * STRIDE, (NAV + s) * STRIDE
-        c0, c1, c2 = weight[s] * C[0, axis], weight[s] * C[1, axis], weight[s] * C[2, axis]
+        c0, c1, c2 = C[0], C[3], C[6]
+        if t % 3 == 1:
+            c0, c1, c2 = C[1], C[4], C[7]
+        elif t % 3 == 2:
+            c0, c1, c2 = C[2], C[5], C[8]
+        c0, c1, c2 = mean[s] * c0, mean[s] * c1, mean[s] * c2
+        source, to = (NAV + s) * STRIDE, (t // 3) * 3 * STRIDE
         for j in range(columns):
             x = M[source + j]
             B[to + j] += c0 * x
@@ -183,23 +239,28 @@ def bias_rows(M: Floats, columns: int, weight: Floats, target: Ints, C: Floats, 
 
 
 @njit(cache=True)
-def add_half_noise(
-    P: Floats, C: Floats, gyro_psd: Floats, accel_psd: Floats, half_noise: Floats, half_dt: float
-) -> None:
-    """Add half a step's process noise: white noise of the axes turned into e, and the slow states'.
+def white_block(C: Nine, psd: Three, half_dt: float) -> Nine:
+    """Half a step's white noise of three axes turned into e: half_dt C diag(psd) C', by rows."""
+    a, b, c = half_dt * psd[0], half_dt * psd[1], half_dt * psd[2]
+    xx = a * C[0] * C[0] + b * C[1] * C[1] + c * C[2] * C[2]
+    xy = a * C[0] * C[3] + b * C[1] * C[4] + c * C[2] * C[5]
+    xz = a * C[0] * C[6] + b * C[1] * C[7] + c * C[2] * C[8]
+    yy = a * C[3] * C[3] + b * C[4] * C[4] + c * C[5] * C[5]
+    yz = a * C[3] * C[6] + b * C[4] * C[7] + c * C[5] * C[8]
+    zz = a * C[6] * C[6] + b * C[7] * C[7] + c * C[8] * C[8]
+    return xx, xy, xz, xy, yy, yz, xz, yz, zz
+
+
+@njit(cache=True)
+def add_half_noise(P: Floats, force: Nine, turn: Nine, half_noise: Floats) -> None:
+    """Add half a step's process noise: white noise of the axes in e, and the slow states'.
 
     Half before and half after the transition integrates Phi Q Phi' by the trapezoid.
     """
     for i in range(3):
         for j in range(3):
-            a = 0.0
-            w = 0.0
-            for k in range(3):
-                product = C[i, k] * C[j, k]
-                a += product * accel_psd[k]
-                w += product * gyro_psd[k]
-            P[(3 + i) * STRIDE + 3 + j] += half_dt * a
-            P[(6 + i) * STRIDE + 6 + j] += half_dt * w
+            P[(3 + i) * STRIDE + 3 + j] += force[3 * i + j]
+            P[(6 + i) * STRIDE + 6 + j] += turn[3 * i + j]
     for s in range(half_noise.size):
         P[(NAV + s) * (STRIDE + 1)] += half_noise[s]
 
@@ -209,14 +270,15 @@ def slow_step(slow: SlowModel, dt: float, decay: Floats, mean: Floats, half_nois
     """Exact step of the slow states: decay e^-x, mean over the step (1 - e^-x)/x, half the noise.
 
     x = dt/T.  Half the noise is (q T/2) tanh x, so that half before and half after a decay leave
-    the stationary variance exactly q T/2; q dt/2 for a walk.
+    the stationary variance exactly q T/2; q dt/2 for a walk.  Below x = 1e-3 by their series,
+    exact to the last bit there and cheap where every step has another length.
     """
     for s in range(slow.rate.size):
         x = slow.rate[s] * dt
-        if x == 0.0:
-            decay[s] = 1.0
-            mean[s] = 1.0
-            half_noise[s] = 0.5 * slow.psd[s] * dt
+        if x < 1e-3:
+            decay[s] = 1.0 - x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x / 24.0)))
+            mean[s] = 1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x / 120.0)))
+            half_noise[s] = 0.5 * slow.psd[s] * dt * (1.0 - x * x * (1.0 / 3.0 - x * x / 7.5))
         else:
             decay[s] = math.exp(-x)
             mean[s] = -math.expm1(-x) / x
@@ -254,14 +316,13 @@ def scratch_views(flat: Floats, m: int) -> Scratch:
 @njit(cache=True)
 def propagate_covariance(
     P: Floats,
-    C: Floats,
-    f_e: Floats,
-    r: Floats,
-    g: Floats,
+    C: Nine,
+    f: Three,
+    r: Three,
     dt: float,
     slow: SlowModel,
-    gyro_psd: Floats,
-    accel_psd: Floats,
+    gyro_psd: Three,
+    accel_psd: Three,
     work: Scratch,
 ) -> None:
     """P <- F P F' + Q in place, by the blocks that F has; P stays symmetric to the last bit.
@@ -269,31 +330,38 @@ def propagate_covariance(
     A = F P for the navigation rows, then F A' for their own block; what the slow states share with
     navigation is A's right part decayed, and their own block decays.
     """
-    m = slow.target.size
-    n = NAV + m
-    add_half_noise(P, C, gyro_psd, accel_psd, work.half_noise, 0.5 * dt)
-    radius = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
-    k = dt * math.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2]) / radius
-    up = (r[0] / radius, r[1] / radius, r[2] / radius)
-    A, At, out = work.rows, work.turned, work.block
+    n = NAV + slow.target.size
+    force, turn = white_block(C, accel_psd, 0.5 * dt), white_block(C, gyro_psd, 0.5 * dt)
+    add_half_noise(P, force, turn, work.half_noise)
+    g = gravity_at(r[0], r[1], r[2])
+    radius2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+    k = dt * math.sqrt((g[0] * g[0] + g[1] * g[1] + g[2] * g[2]) / radius2)
+    scale = 1.0 / math.sqrt(radius2)
+    up = (scale * r[0], scale * r[1], scale * r[2])
     bias_rows(P, n, work.mean, slow.target, C, work.bias)
-    transition_rows(P, work.bias, A, n, f_e, up, k, dt)
-    for i in range(NAV):
-        for j in range(n):
-            At[j * STRIDE + i] = A[i * STRIDE + j]
-    bias_rows(At, NAV, work.mean, slow.target, C, work.bias)
-    transition_rows(At, work.bias, out, NAV, f_e, up, k, dt)
+    transition_rows(P, work.bias, work.rows, n, f, up, k, dt)
+    for j in range(n):
+        for i in range(NAV):
+            work.turned[j * STRIDE + i] = work.rows[i * STRIDE + j]
+    bias_rows(work.turned, NAV, work.mean, slow.target, C, work.bias)
+    transition_rows(work.turned, work.bias, work.block, NAV, f, up, k, dt)
+    put_back(P, slow.target.size, work)
+    add_half_noise(P, force, turn, work.half_noise)
+
+
+@njit(cache=True)
+def put_back(P: Floats, m: int, work: Scratch) -> None:
+    """Write the blocks of F P F' into P, both halves of it alike."""
+    A, out, decay = work.rows, work.block, work.decay
     for i in range(NAV):
         for j in range(i + 1):
             P[i * STRIDE + j] = 0.5 * (out[i * STRIDE + j] + out[j * STRIDE + i])
             P[j * STRIDE + i] = P[i * STRIDE + j]
-    for i in range(NAV):
         for s in range(m):
-            P[i * STRIDE + NAV + s] = A[i * STRIDE + NAV + s] * work.decay[s]
+            P[i * STRIDE + NAV + s] = A[i * STRIDE + NAV + s] * decay[s]
     for s in range(m):
-        row, d = (NAV + s) * STRIDE, work.decay[s]
+        row, d = (NAV + s) * STRIDE, decay[s]
         for i in range(NAV):
             P[row + i] = P[i * STRIDE + NAV + s]
         for j in range(m):
-            P[row + NAV + j] *= d * work.decay[j]
-    add_half_noise(P, C, gyro_psd, accel_psd, work.half_noise, 0.5 * dt)
+            P[row + NAV + j] *= d * decay[j]

@@ -62,12 +62,18 @@ def test_the_structured_covariance_is_the_dense_exponentials(dt: float) -> None:
     flat = flat.ravel()
     work = strapdown.scratch_views(np.zeros(strapdown.SCRATCH_SIZE), m)
     strapdown.slow_step(LAYOUT.slow, dt, work.decay, work.mean, work.half_noise)
-    g = np.zeros(3)
-    earth.normal_gravity(POSITION, g)
     step = exact(*continuous(C, force), dt)
     for _ in range(round(1.0 / dt)):
         strapdown.propagate_covariance(
-            flat, C, force, POSITION, g, dt, LAYOUT.slow, LAYOUT.gyro_psd, LAYOUT.accel_psd, work
+            flat,
+            tuple(C.ravel()),
+            tuple(force),
+            tuple(POSITION),
+            dt,
+            LAYOUT.slow,
+            tuple(LAYOUT.gyro_psd),
+            tuple(LAYOUT.accel_psd),
+            work,
         )
         dense = step.F @ dense @ step.F.T + step.Q
     P = flat.reshape(n, STRIDE)[:, :n]
@@ -84,15 +90,14 @@ def test_free_fall_and_rest_follow_inertial_space() -> None:
     earth.normal_gravity(POSITION, g)
     C = axes.T @ Rotation.from_euler("ZYX", [0.4, 0.1, -0.2]).as_matrix()
     q = np.roll(Rotation.from_matrix(C).as_quat(), 1)
-    r, v = POSITION.copy(), np.zeros(3)
-    rate, force = C.T @ np.array([0, 0, EARTH_RATE_RAD_S]), -C.T @ g
-    work = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    s = np.concatenate((POSITION, np.zeros(3), q))
+    rate, force = tuple(C.T @ np.array([0, 0, EARTH_RATE_RAD_S])), tuple(-C.T @ g)
     for _ in range(6000):
-        strapdown.mechanise(r, v, q, rate, rate, force, force, 0.01, *work)
-    assert np.linalg.norm(r - POSITION) < 1e-6
-    assert np.linalg.norm(v) < 1e-7
+        strapdown.mechanise(s, rate, rate, force, force, 0.01)
+    assert np.linalg.norm(s[0:3] - POSITION) < 1e-6
+    assert np.linalg.norm(s[3:6]) < 1e-7
     turned = np.zeros((3, 3))
-    strapdown.rotation_matrix(q, turned)
+    strapdown.rotation_matrix(s[6:10], turned)
     np.testing.assert_allclose(turned, C, atol=1e-11)
 
 
@@ -101,24 +106,20 @@ def test_a_turn_with_changing_force_is_integrated_to_second_order() -> None:
     errors = []
     for dt in (0.02, 0.01):
         w, a = 1.2, 3.0
-        q, v, r = np.array([1.0, 0, 0, 0]), np.zeros(3), POSITION.copy()
-        C = np.eye(3)
-        expected_v, body = np.zeros(3), np.array([0.0, 0.0, w])
+        s = np.concatenate((POSITION, np.zeros(3), [1.0, 0, 0, 0]))
+        expected_v, body = np.zeros(3), (0.0, 0.0, w)
 
-        def force(t: float, w: float = w, a: float = a) -> np.ndarray:
+        def force(t: float, w: float = w, a: float = a) -> tuple[float, ...]:
             turned = Rotation.from_rotvec([0, 0, w * t]).as_matrix()
-            return turned.T @ np.array([a * np.cos(2 * t), a * np.sin(3 * t), 0.0])
+            return tuple(turned.T @ np.array([a * np.cos(2 * t), a * np.sin(3 * t), 0.0]))
 
-        f_e, g = np.zeros(3), np.zeros(3)
         gravity_v = np.zeros(3)
         for k in range(round(2.0 / dt)):
-            before = v.copy()
-            strapdown.mechanise(
-                r, v, q, body, body, force(k * dt), force((k + 1) * dt), dt, C, f_e, g
-            )
-            gravity_v += v - before - dt * f_e
+            before = s[3:6].copy()
+            f_e, _ = strapdown.mechanise(s, body, body, force(k * dt), force((k + 1) * dt), dt)
+            gravity_v += s[3:6] - before - dt * np.array(f_e)
         expected_v[0] = 3.0 / 2 * np.sin(4.0)
         expected_v[1] = 3.0 / 3 * (1 - np.cos(6.0))
-        errors.append(np.linalg.norm(v - gravity_v - expected_v))
+        errors.append(np.linalg.norm(s[3:6] - gravity_v - expected_v))
     assert errors[0] < 3e-3
     assert errors[0] / errors[1] > 1.5
