@@ -65,7 +65,8 @@ def inside(result: ChannelResult) -> tuple[float, str]:
     if curve is None or not result.model.effects:
         return float("nan"), "no model"
     dt = result.series.sample_time_s
-    model = np.sqrt(model_allan_variance(result.model, curve.tau_s, dt))
+    span_s = result.series.span_s
+    model = np.sqrt(model_allan_variance(result.model, curve.tau_s, dt, None, span_s))
     good = (model >= curve.lower) & (model <= curve.upper)
     out = np.flatnonzero(~good)
     if out.size == 0:

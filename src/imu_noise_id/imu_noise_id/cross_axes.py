@@ -11,9 +11,8 @@ from scipy.linalg import block_diag
 
 from imu_noise_id.effects.cross_axis import CrossAxis, correlation
 from imu_noise_id.model import ChannelModel, Estimate, FittedEffect
+from imu_noise_id.recording import DERIVED
 
-DERIVED = ("heading",)
-"""Computed from other channels: what they share with those says nothing of the sensor."""
 CLEAR = 5.0
 LEAST = 0.01
 

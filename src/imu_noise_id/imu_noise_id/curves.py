@@ -43,6 +43,7 @@ def model_allan_variance(
     tau_s: Floats,
     sample_time_s: float,
     temperature: Floats | None = None,
+    span_s: tuple[float, float] | None = None,
 ) -> Floats:
     """Allan variance that a channel's model predicts, (t,).
 
@@ -50,7 +51,7 @@ def model_allan_variance(
 
         4 int S(f) (1 - R(f)) sin^4(pi f tau)/(m sin(pi f dt))^2 df;
 
-    courses by the Allan variance of their samples over the time that the model describes.
+    courses by the Allan variance of their samples over the time that the curve describes.
 
     Parameters
     ----------
@@ -58,7 +59,10 @@ def model_allan_variance(
     tau_s : (t,) float64
     sample_time_s : float
     temperature : (n,) float64, optional
-        At uniform times over the model's duration, where it has a temperature effect.
+        At uniform times over the span, where the model has a temperature effect.
+    span_s : (float, float), optional
+        First and last time of the samples, since the recording's first stamp; the whole duration
+        of the model when left out.
     """
     effects = [f.effect for f in model.effects]
     total = _added_psd(model, sample_time_s) / tau_s
@@ -71,8 +75,9 @@ def model_allan_variance(
     if any(isinstance(e, ResponseEffect) for e in effects):
         total = total - _taken_away(model, tau_s, sample_time_s)
     courses = [e for e in effects if isinstance(e, CourseEffect)]
-    if courses and model.duration_s:
-        total = total + _course_allan(courses, tau_s, model.duration_s, temperature)
+    span_s = span_s or (0.0, model.duration_s or 0.0)
+    if courses and span_s[1] > span_s[0]:
+        total = total + _course_allan(courses, tau_s, span_s, temperature)
     return np.maximum(total, 0.0)
 
 
@@ -122,14 +127,17 @@ def _taken_away(model: ChannelModel, tau_s: Floats, sample_time_s: float) -> Flo
 
 
 def _course_allan(
-    courses: list[CourseEffect], tau_s: Floats, duration_s: float, temperature: Floats | None
+    courses: list[CourseEffect],
+    tau_s: Floats,
+    span_s: tuple[float, float],
+    temperature: Floats | None,
 ) -> Floats:
-    time_s = np.linspace(0.0, duration_s, COURSE_POINTS)
+    time_s = np.linspace(*span_s, COURSE_POINTS)
     if temperature is not None:
         place = np.linspace(0.0, 1.0, temperature.size)
         temperature = np.interp(np.linspace(0.0, 1.0, COURSE_POINTS), place, temperature)
     total: Floats = np.sum([c.course(time_s, temperature) for c in courses], axis=0)
-    step_s = float(time_s[1])
+    step_s = float(time_s[1] - time_s[0])
     m = np.unique(np.maximum(np.rint(tau_s / step_s), 1.0)).astype(np.int64)
     series = Series(total, np.ones(COURSE_POINTS, dtype=bool), step_s)
     curve = allan_exact(series, m[m <= COURSE_POINTS // 2 - 1])

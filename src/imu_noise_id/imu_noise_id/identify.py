@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imu_noise_id.allan import AllanCurve, allan
+from imu_noise_id.allan_degrees import with_spectrum
 from imu_noise_id.cca import Cca, past_future
 from imu_noise_id.cross_axes import cross_axes, with_effects
 from imu_noise_id.effects.white_noise import WhiteNoise
@@ -42,7 +43,8 @@ class ChannelResult:
     series : Series
         The channel on a uniform grid, as recorded (nothing mended).
     allan : AllanCurve or None
-        Of the recording as it is; None where it is too short.
+        Of the recording as it is, with intervals as wide as its spectrum asks; None where it is
+        too short.
     model : ChannelModel
     cca : Cca or None
         Past-future canonical variates; None where the channel is too short or constant.
@@ -164,6 +166,7 @@ def _identify_channel(
         result = ChannelResult(channel, series, curve, model, None, (reason,))
         return result, np.zeros(0, dtype=np.float32)
     found = estimate_series(fresh, channel.unit, _temperature(recording, fresh))
+    curve = with_spectrum(curve, found.fit.ordinates)
     held = transport.factor**-0.5
     model = dataclasses.replace(
         model,

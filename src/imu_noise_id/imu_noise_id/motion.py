@@ -7,7 +7,8 @@ floor that bias drift does not reach in a second.  The platform moves where at l
 sensor's axes do at once, and by more than six times what is usual in the quietest part of the
 recording, so that neither a step or drift of one channel nor a strong but steady coloured noise
 counts.  What lies turned by more than ten degrees from the attitude in which the recording spends
-most of its time is left out too.  A receiver moves when its velocity, or the way between medians
+most of its time is left out too, and where anything moved, the seconds in which two axes are twice
+as loud as in the quietest tenth: knocks, and what rings after a move.  A receiver moves when its velocity, or the way between medians
 of its position, says so.
 """
 
@@ -40,6 +41,8 @@ SHORTEST_STILL_S = 5.0
 UNEASY = 1.5
 """Times what white noise explains; where nine tenths of the seconds change by more on two axes, and
 axes change together, there is no still part."""
+LOUD = 2.0
+"""Times the quietest tenth of the seconds; white noise comes to 1.2 in a second at 100 Hz."""
 _CANDIDATES = 200
 
 Topic = tuple[tuple[str, ...], Stamps, Floats]
@@ -153,7 +156,8 @@ def _inertial(stamp_ns: Stamps, values: Floats) -> list[tuple[Stamps, Stamps]]:
     uneasy = _second_largest(np.vstack(slight)) * NOISE_FACTOR
     if np.quantile(uneasy, 0.1) > UNEASY and pairs >= 2:
         return [(blocks.begin_ns[:1], blocks.end_ns[-1:])]
-    return [_about(blocks, together > limit), _turned(accelerometer)]
+    found = [_about(blocks, together > limit), _turned(accelerometer)]
+    return [*found, _shaken(blocks)] if any(begin.size for begin, _ in found) else found
 
 
 def _magnetic(stamp_ns: Stamps, values: Floats) -> list[tuple[Stamps, Stamps]]:
@@ -267,6 +271,18 @@ def _turned(blocks: _Blocks) -> tuple[Stamps, Stamps]:
     trusted = length > 3.0 * np.linalg.norm(blocks.scatter, axis=0) / np.sin(TURNED_RAD)
     away &= trusted
     return blocks.begin_ns[away], blocks.end_ns[away]
+
+
+def _shaken(blocks: _Blocks) -> tuple[Stamps, Stamps]:
+    """Blocks in which two axes or more are far louder than usual, and one on either side.
+
+    Knocks on a table, hands near the sensor, what rings after a move: before and after it is held.
+    """
+    usual = np.quantile(blocks.scatter, 0.1, axis=1, keepdims=True)
+    loud = np.count_nonzero(blocks.scatter > LOUD * usual, axis=0) >= 2
+    at = np.flatnonzero(loud)
+    last = blocks.begin_ns.size - 1
+    return blocks.begin_ns[np.maximum(at - 1, 0)], blocks.end_ns[np.minimum(at + 1, last)]
 
 
 def _joined(begin_ns: Stamps, end_ns: Stamps) -> Intervals:

@@ -11,6 +11,9 @@ Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+DERIVED = ("heading",)
+"""Channels computed from others: what they share with those says nothing of the sensor."""
+
 UNITS = {
     "angular_velocity": "rad/s",
     "linear_acceleration": "m/s^2",

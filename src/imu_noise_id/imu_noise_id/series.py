@@ -42,6 +42,11 @@ class Series:
         return float(seen[0] + np.mean(seen - seen[0]))
 
     @property
+    def span_s(self) -> tuple[float, float]:
+        """Times of the first and the last sample since the recording's first stamp."""
+        return self.start_s, self.start_s + self.sample_time_s * (self.values.size - 1)
+
+    @property
     def time_s(self) -> Floats:
         """Time of each sample since the recording's first stamp, shape (n,)."""
         return self.start_s + self.sample_time_s * np.arange(self.values.size, dtype=np.float64)

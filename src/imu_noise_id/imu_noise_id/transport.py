@@ -11,7 +11,7 @@ from imu_noise_id.effects.dropouts import Dropouts, dropout_parameters, gap_leng
 from imu_noise_id.effects.held_samples import HeldSamples, fresh_samples, held_factor
 from imu_noise_id.effects.timestamp_jitter import TimestampJitter, jitter_std
 from imu_noise_id.model import Estimate, FittedEffect
-from imu_noise_id.recording import Channel
+from imu_noise_id.recording import DERIVED, Channel
 
 LEAST_FACTOR = 1.1
 LEAST_JITTER = 0.01
@@ -40,7 +40,7 @@ def find_transport(channels: tuple[Channel, ...]) -> Transport:
     """Effects on the transport of the channels of one topic, which share their stamps."""
     first = channels[0]
     effects: list[FittedEffect] = []
-    factor = held_factor([c.values for c in channels])
+    factor = held_factor([c.values for c in _measured(channels)])
     if factor >= LEAST_FACTOR:
         effects.append(_exact(HeldSamples(factor), (factor,), ("1",)))
     else:
@@ -56,11 +56,16 @@ def find_transport(channels: tuple[Channel, ...]) -> Transport:
     return Transport(tuple(effects), factor)
 
 
+def _measured(channels: tuple[Channel, ...]) -> tuple[Channel, ...]:
+    """Channels of a topic without those computed from other topics too, where there are any."""
+    return tuple(c for c in channels if c.name not in DERIVED) or channels
+
+
 def without_repeats(channel: Channel, group: tuple[Channel, ...], factor: float) -> Channel:
     """Return the channel with its new samples only, at the rate at which they come."""
     if factor == 1.0:
         return channel
-    fresh = np.any([fresh_samples(c.values) for c in group], axis=0)
+    fresh = np.any([fresh_samples(c.values) for c in _measured(group)], axis=0)
     return dataclasses.replace(
         channel,
         stamp_ns=channel.stamp_ns[fresh],

@@ -125,10 +125,11 @@ def _predicted(result: ChannelResult, recording: Recording) -> Floats:
     warmth = None
     if result.model.find("temperature") is not None and recording.temperature is not None:
         course = recording.temperature
-        time_s = np.linspace(0.0, result.channel.duration_s, TEMPERATURE_POINTS)
+        time_s = np.linspace(*result.series.span_s, TEMPERATURE_POINTS)
         warmth = np.interp(time_s, (course.stamp_ns - recording.start_ns) * 1e-9, course.values)
+    series = result.series
     return model_allan_variance(
-        result.model, result.allan.tau_s, result.series.sample_time_s, warmth
+        result.model, result.allan.tau_s, series.sample_time_s, warmth, series.span_s
     )
 
 
