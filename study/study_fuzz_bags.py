@@ -1,18 +1,22 @@
-"""Read a hundred thousand damaged bags: each is read as far as it is whole, or refused in a line.
+"""Read more than a hundred thousand damaged bags: each is read as far as it is whole, or refused.
 
-Prints the counts, the slowest read and the growth of the process.  Whatever else happens is printed
-with the seed that makes it again (``--only SEED``) and ends the run with status 1.
+Four families: every prefix of small files; every single byte of their record heads changed in every
+way; seeded damage to larger files; seeded damage to a folder's metadata.yaml, with files outside
+the folder that must not be opened.  Each input has a number of its family (``--family FAMILY
+--only NUMBER`` makes it again), a limit of time and one of memory.  What must not happen is printed
+and ends the run with status 1.
 """
 
 from __future__ import annotations
 
 import argparse
-import resource
+import functools
+import os
 import sys
 import tempfile
-import time
 import warnings
-from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,102 +24,141 @@ from mcap.writer import CompressionType
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
 
+import campaign
+
 from helpers import damaged_bags as damaged
 
-GROWTH_LIMIT_MB = 400.0
 JUDGED = 11
 """Of so many bags, one's stamps and motion are looked into too, which takes most of the time."""
+NONE, ZSTD, LZ4 = CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4
 
 
-def sources(folder: Path) -> list[tuple[str, bytes, list[int], str]]:
-    """Return name, bytes, record heads and suffix of the bags to damage."""
+@dataclass(frozen=True)
+class Family:
+    """Inputs of one kind, numbered from 0."""
+
+    name: str
+    count: int
+    attempt: campaign.Attempt
+
+
+def small_files(folder: Path) -> dict[str, bytes]:
+    """Files small enough to be damaged in every place."""
+    return {
+        "plain": damaged.tiny_mcap(),
+        "zstd": damaged.tiny_mcap(ZSTD, crcs=True),
+        "lz4": damaged.tiny_mcap(LZ4),
+        "unchunked": damaged.tiny_mcap(chunked=False),
+    }
+
+
+def prefixes(folder: Path) -> Family:
+    """Every small file cut at every byte."""
+    cuts = [(name, data, end) for name, data in small_files(folder).items()
+            for end in range(len(data))]  # fmt: skip
+
+    def attempt(number: int) -> str:
+        name, data, end = cuts[number]
+        path = folder / "cut.mcap"
+        path.write_bytes(data[:end])
+        return f"{name}: {damaged.read_or_refuse(path)}"
+
+    return Family("prefix", len(cuts), attempt)
+
+
+def head_flips(folder: Path) -> Family:
+    """Every byte of every record head (opcode and length) of the small files, in all 255 ways."""
+    places = [(name, data, head + k) for name, data in small_files(folder).items()
+              for head in damaged.record_heads(data) for k in range(9)]  # fmt: skip
+
+    def attempt(number: int) -> str:
+        name, data, at = places[number // 255]
+        path = folder / "flipped.mcap"
+        changed = bytes([data[at] ^ (1 + number % 255)])
+        path.write_bytes(data[:at] + changed + data[at + 1 :])
+        return f"{name}: {damaged.read_or_refuse(path)}"
+
+    return Family("head", 255 * len(places), attempt)
+
+
+def seeded(folder: Path, count: int) -> Family:
+    """Bags of every kind, damaged as a seed says."""
     made = [
-        ("plain", damaged.mcap_bytes(CompressionType.NONE, crcs=False), ".mcap"),
-        ("all kinds", damaged.mcap_bytes(CompressionType.NONE, False, every=True), ".mcap"),
-        ("checksums", damaged.mcap_bytes(CompressionType.NONE, crcs=True), ".mcap"),
-        ("zstd", damaged.mcap_bytes(CompressionType.ZSTD, crcs=False), ".mcap"),
-        ("lz4", damaged.mcap_bytes(CompressionType.LZ4, crcs=False), ".mcap"),
-        ("unchunked", damaged.mcap_bytes(CompressionType.NONE, False, chunked=False), ".mcap"),
+        ("plain", damaged.mcap_bytes(NONE, crcs=False), ".mcap"),
+        ("all kinds", damaged.mcap_bytes(NONE, False, every=True), ".mcap"),
+        ("checksums", damaged.mcap_bytes(NONE, crcs=True), ".mcap"),
+        ("zstd", damaged.mcap_bytes(ZSTD, crcs=False), ".mcap"),
+        ("lz4", damaged.mcap_bytes(LZ4, crcs=False), ".mcap"),
+        ("unchunked", damaged.mcap_bytes(NONE, False, chunked=False), ".mcap"),
         ("sqlite3", damaged.sqlite_bytes(folder), ".db3"),
     ]
-    return [
-        (name, data, damaged.record_heads(data) if suffix == ".mcap" else [0, 100, 4096], suffix)
-        for name, data, suffix in made
-    ]
+    heads = [damaged.record_heads(d) if s == ".mcap" else [0, 100, 4096] for _, d, s in made]
+
+    def attempt(number: int) -> str:
+        rng = np.random.default_rng(number)
+        name, data, suffix = made[number % len(made)]
+        damage = damaged.DAMAGES[number // len(made) % len(damaged.DAMAGES)]
+        path = folder / f"damaged{suffix}"
+        path.write_bytes(damage(bytearray(data), heads[number % len(made)], rng))
+        outcome = damaged.read_or_refuse(path, judged=number % JUDGED == 0)
+        return f"{name}, {damage.__name__}: {outcome}"
+
+    return Family("seeded", count, attempt)
 
 
-def one(seed: int, bags: list[tuple[str, bytes, list[int], str]], folder: Path) -> tuple[str, str]:
-    """Damage a bag by the seed's way and read it."""
-    rng = np.random.default_rng(seed)
-    name, data, heads, suffix = bags[seed % len(bags)]
-    damage = damaged.DAMAGES[seed // len(bags) % len(damaged.DAMAGES)]
-    path = folder / f"damaged{suffix}"
-    path.write_bytes(damage(bytearray(data), heads, rng))
-    return f"{name}, {damage.__name__}", damaged.read_or_refuse(path, judged=seed % JUDGED == 0)
+def metadata(folder: Path, count: int) -> Family:
+    """metadata.yaml of folders with MCAP or sqlite3, damaged as a seed says."""
+    (folder / "folders").mkdir()
+    bags = damaged.folders_with_traps(folder / "folders")
+    texts = [(bag / "metadata.yaml").read_bytes() for bag in bags]
+    watch = damaged.OpenedOutside(folder)
 
+    def attempt(number: int) -> str:
+        rng = np.random.default_rng(number)
+        bag, text = bags[number % len(bags)], texts[number % len(bags)]
+        damage = damaged.METADATA_DAMAGES[number // len(bags) % len(damaged.METADATA_DAMAGES)]
+        (bag / "metadata.yaml").write_bytes(damage(bytearray(text), [0], rng))
+        with watch.only(bag):
+            outcome = damaged.read_or_refuse(bag, judged=False)
+        return f"{bag.name}, {damage.__name__}: {outcome}"
 
-def systematic(folder: Path) -> int:
-    """Cut a tiny file at every byte, change every byte of its record heads in every way."""
-    data = damaged.tiny_mcap()
-    path = folder / "tiny.mcap"
-    outcome: Counter[str] = Counter()
-    for way, files in (
-        ("cut", damaged.every_prefix(data)),
-        ("head flip", damaged.every_head_flip(data, range(1, 256))),
-    ):
-        for content in files:
-            path.write_bytes(content)
-            outcome[f"{way} {damaged.read_or_refuse(path)}"] += 1
-    print("systematic:", ", ".join(f"{count} {way}" for way, count in sorted(outcome.items())))
-    return sum(outcome.values())
+    return Family("metadata", count, attempt)
 
 
 def main() -> int:
     """Run the campaign."""
     arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--count", type=int, default=100_000)
-    arguments.add_argument("--first", type=int, default=0)
+    arguments.add_argument("--seeded", type=int, default=100_000)
+    arguments.add_argument("--metadata", type=int, default=20_000)
+    arguments.add_argument("--family")
     arguments.add_argument("--only", type=int)
     options = arguments.parse_args()
     warnings.simplefilter("error")
-    seeds = range(options.first, options.first + options.count)
-    if options.only is not None:
-        seeds = range(options.only, options.only + 1)
+    makers: list[Callable[[Path], Family]] = [
+        prefixes,
+        head_flips,
+        functools.partial(seeded, count=options.seeded),
+        functools.partial(metadata, count=options.metadata),
+    ]
+    failed = tried = 0
     shared_memory = Path("/dev/shm")
-    with tempfile.TemporaryDirectory(dir=shared_memory if shared_memory.is_dir() else None) as name:
-        if options.only is None and options.first == 0:
-            systematic(Path(name))
-        return campaign(seeds, Path(name))
-
-
-def campaign(seeds: range, folder: Path) -> int:
-    """Read every seed's bag, print what happened."""
-    bags = sources(folder)
-    outcome: Counter[tuple[str, str]] = Counter()
-    slowest = (0.0, -1)
-    failed = []
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    for seed in seeds:
-        begin = time.perf_counter()
-        try:
-            outcome[one(seed, bags, folder)] += 1
-        except Exception as error:  # what must not happen is what is looked for
-            failed.append(seed)
-            print(f"seed {seed}: {type(error).__name__}: {error}")
-            if len(seeds) == 1:
-                raise
-        if (seed + 1 - seeds.start) % 5000 == 0:
-            print(f"{seed + 1 - seeds.start} bags read, {len(failed)} failed", flush=True)
-        slowest = max(slowest, (time.perf_counter() - begin, seed))
-    growth = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
-    for way, count in sorted(outcome.items()):
-        print(f"{way[0]:28s} {way[1]:8s} {count}")
-    print(
-        f"{len(seeds)} bags: {sum(c for w, c in outcome.items() if w[1] == 'read')} read, "
-        f"{sum(c for w, c in outcome.items() if w[1] == 'refused')} refused, {len(failed)} failed; "
-        f"slowest {slowest[0]:.2f} s (seed {slowest[1]}), memory grew by {growth:.0f} MB"
-    )
-    return int(bool(failed) or growth > GROWTH_LIMIT_MB)
+    for make in makers:
+        place = shared_memory if shared_memory.is_dir() else None
+        with tempfile.TemporaryDirectory(dir=place) as name:
+            family = make(Path(name))
+            if options.family not in (None, family.name):
+                continue
+            if options.only is not None:
+                print(family.attempt(options.only))
+                continue
+            print(f"{family.name}: {family.count} inputs, numbers 0 to {family.count - 1}")
+            tally = campaign.run(family.attempt, range(family.count))
+            for outcome, count in sorted(tally.outcomes.items()):
+                print(f"  {outcome:36s} {count}")
+            print(f"{family.name}: {tally.summary()}", flush=True)
+            tried, failed = tried + tally.tried, failed + len(tally.failures)
+    print(f"together {tried} inputs, {failed} failed (pid {os.getpid()})")
+    return int(failed > 0)
 
 
 if __name__ == "__main__":

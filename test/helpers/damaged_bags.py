@@ -5,8 +5,12 @@ Shared by the seeded subset in ``test/faults`` and the campaign in ``study``.
 
 from __future__ import annotations
 
+import contextlib
 import io
+import os
 import struct
+import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -154,11 +158,123 @@ def splice(data: Bytes, heads: list[int], rng: np.random.Generator) -> Bytes:
 DAMAGES: tuple[Damage, ...] = (flip_head, flip_anywhere, put_extreme, cut, splice)
 
 
-def tiny_mcap() -> bytes:
+NAMES = (
+    *(b"../../etc/passwd", b"/etc/passwd", b"../outside.mcap", b"/dev/zero", b"/proc/self/mem"),
+    *(
+        b"link.mcap",
+        b"link/outside.mcap",
+        b"..",
+        b".",
+        b"''",
+        b"[]",
+        b"~",
+        b"a\\x00b",
+        b"pipe.mcap",
+    ),
+)
+"""What metadata may name, of which none may be opened; link and pipe lie in the folder."""
+
+
+def name_another(data: Bytes, heads: list[int], rng: np.random.Generator) -> Bytes:
+    """Name something that is no file of the bag."""
+    lines = bytes(data).split(b"\n")
+    named = [k for k, line in enumerate(lines) if b".mcap" in line or b".db3" in line]
+    k = int(rng.choice(named))
+    head = lines[k][: len(lines[k]) - len(lines[k].lstrip(b" -"))]
+    lines[k] = head + NAMES[int(rng.integers(len(NAMES)))]
+    return bytearray(b"\n".join(lines))
+
+
+def shuffle_lines(data: Bytes, heads: list[int], rng: np.random.Generator) -> Bytes:
+    """Repeat, drop, indent or swap lines."""
+    lines = bytes(data).split(b"\n")
+    for _ in range(int(rng.integers(1, 4))):
+        a, b = (int(k) for k in rng.integers(len(lines), size=2))
+        kind = int(rng.integers(4))
+        if kind == 0:
+            lines.insert(a, lines[b])
+        elif kind == 1 and len(lines) > 2:
+            del lines[a]
+        elif kind == 2:
+            lines[a] = b" " * int(rng.integers(1, 5)) + lines[a]
+        else:
+            lines[a], lines[b] = lines[b], lines[a]
+    return bytearray(b"\n".join(lines))
+
+
+def put_yaml(data: Bytes, heads: list[int], rng: np.random.Generator) -> Bytes:
+    """Put a tag, an alias, a nest or a number into the place of a value."""
+    evil = (
+        *(b"!!python/object/apply:os.system [echo]", b"&a [*a, *a]", b"[" * 5000, b"{" * 5000),
+        *(b"1e999", b".nan", b"0x" + b"f" * 400, b"9" * 5000, b"2001-99-99", b"!!binary x", b"*a"),
+    )
+    lines = bytes(data).split(b"\n")
+    valued = [k for k, line in enumerate(lines) if b":" in line]
+    k = int(rng.choice(valued))
+    lines[k] = lines[k].split(b":")[0] + b": " + evil[int(rng.integers(len(evil)))]
+    return bytearray(b"\n".join(lines))
+
+
+METADATA_DAMAGES: tuple[Damage, ...] = (
+    *(flip_anywhere, cut, name_another, shuffle_lines, put_yaml),
+)
+
+
+def folders_with_traps(folder: Path) -> list[Path]:
+    """Write an MCAP and a sqlite3 folder, links and a pipe in them, a whole bag outside them."""
+    mcap = folder_bag(folder).rename(folder / "mcap")
+    sqlite_bytes(folder)
+    bags = [mcap, (folder / "database").rename(folder / "sqlite3")]
+    (folder / "outside.mcap").write_bytes(tiny_mcap())
+    for bag in bags:
+        (bag / "link.mcap").symlink_to(folder / "outside.mcap")
+        (bag / "link").symlink_to(folder)
+        os.mkfifo(bag / "pipe.mcap")
+    return bags
+
+
+class OpenedOutside:
+    """Watches which files this process opens, by Python's own audit events.
+
+    sqlite3 opens its journals itself, beside the file that it was told to open.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = str(root)
+        self.allowed: str | None = None
+        self.seen: list[str] = []
+        self.system = (sys.prefix, sys.base_prefix, tempfile.gettempdir() + "/tmp")
+        sys.addaudithook(self._see)
+
+    def _see(self, event: str, arguments: tuple[object, ...]) -> None:
+        if self.allowed is None or event not in ("open", "sqlite3.connect"):
+            return
+        path = str(arguments[0]).removeprefix("file:").split("?")[0]
+        system = path.startswith(self.system)
+        inside = path.startswith(self.allowed + "/") and not Path(path).is_symlink()
+        if not (inside or system or arguments[0].__class__ is int):
+            self.seen.append(path)
+
+    @contextlib.contextmanager
+    def only(self, bag: Path) -> Iterator[None]:
+        """Raise AssertionError where a file outside of a folder is opened meanwhile."""
+        self.seen, self.allowed = [], str(bag)
+        try:
+            yield
+        finally:
+            self.allowed = None
+        assert not self.seen, f"opened {self.seen[0]}"
+
+
+def tiny_mcap(
+    compression: CompressionType = CompressionType.NONE, crcs: bool = False, chunked: bool = True
+) -> bytes:
     """Return an MCAP file small enough to be damaged in every place."""
     imu = make.still_imu(np.random.default_rng(1), 6, 100.0)
     file = io.BytesIO()
-    writer = Writer(file, chunk_size=1000, compression=CompressionType.NONE, enable_crcs=False)
+    writer = Writer(
+        file, chunk_size=1000, compression=compression, enable_crcs=crcs, use_chunking=chunked
+    )
     writer.start(profile="ros2")
     schema = writer.register_schema(imu.type, "ros2msg", b"")
     channel = writer.register_channel(imu.topic, "cdr", schema)

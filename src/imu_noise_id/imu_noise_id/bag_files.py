@@ -9,10 +9,10 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-import yaml
 import zstandard
 
 from imu_noise_id.errors import InputError
+from imu_noise_id.yaml_tree import read_yaml
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -99,31 +99,27 @@ def _listed(folder: Path) -> tuple[list[Path], str, tuple[str, ...]]:
         )
     try:
         listed, mode = _information(metadata)
-    except ValueError as error:
+    except InputError as error:
         if len(loose) != 1:
-            raise InputError(f"{metadata}: {error}; 'ros2 bag reindex' makes it anew") from error
-        note = f"{metadata}: {error}; {loose[0].name} beside it is read"
+            raise InputError(f"{error}; 'ros2 bag reindex' makes it anew") from error
+        note = f"{error}; {loose[0].name} beside it is read"
         return [_inside(folder, loose[0].name)], "", (note,)
     return [_inside(folder, name) for name in listed], mode, ()
 
 
 def _information(metadata: Path) -> tuple[list[str], str]:
-    """File names and compression mode of metadata.yaml; ValueError says what is wrong with it."""
-    with metadata.open("rb") as file:
-        text = file.read(METADATA_LIMIT + 1)
-    if len(text) > METADATA_LIMIT:
-        raise ValueError(f"longer than {METADATA_LIMIT} bytes")
-    try:
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ValueError("not readable as YAML") from error
-    information = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
-    if not isinstance(information, dict):
-        raise ValueError("not the metadata of a rosbag2 folder")
-    names = information.get("relative_file_paths")
-    if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
-        raise ValueError("it names no file")
-    return names, str(information.get("compression_mode") or "").lower()
+    """File names and compression mode of metadata.yaml; an InputError says what is wrong."""
+    root = read_yaml(metadata, METADATA_LIMIT)
+    top = root.value if isinstance(root.value, dict) else {}
+    found = top.get("rosbag2_bagfile_information")
+    if found is None or not isinstance(found.value, dict):
+        raise root.error("not the metadata of a rosbag2 folder")
+    listed = found.value.get("relative_file_paths")
+    if listed is None or not isinstance(listed.value, list) or not listed.value:
+        raise found.error("it names no file ('relative_file_paths')")
+    names = [name.text("a file's name") for name in listed.value]
+    mode = found.value.get("compression_mode")
+    return names, mode.value.lower() if mode and isinstance(mode.value, str) else ""
 
 
 def _inside(folder: Path, name: str) -> Path:

@@ -96,7 +96,7 @@ _NULL = frozenset(("", "~", "null", "Null", "NULL"))
 _FLAGS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 
 
-def read_yaml(path: Path | str) -> Node:
+def read_yaml(path: Path | str, limit_bytes: int = LARGEST_FILE_BYTES) -> Node:
     """Read one YAML document.
 
     Raises
@@ -105,7 +105,7 @@ def read_yaml(path: Path | str) -> Node:
         When the file cannot be read, is not YAML, is empty, too deep, has aliases or repeats a key.
     """
     name = str(path)
-    text = read_text(path, LARGEST_FILE_BYTES)
+    text = read_text(path, limit_bytes)
     try:
         root = _Builder(name).build(yaml.parse(text, Loader=_Loader))
     except yaml.MarkedYAMLError as error:

@@ -64,7 +64,7 @@ def test_two_files_without_metadata_are_a_question(bag):
         "a: b",
         "- &a [*a]",
         "rosbag2_bagfile_information: 3",
-        "rosbag2_bagfile_information: {relative_file_paths: [1]}",
+        "rosbag2_bagfile_information: {relative_file_paths: [[]]}",
         "\x00",
         "!!python/object/apply:os.system ['true']",
     ],
@@ -78,10 +78,16 @@ def test_unusable_metadata_is_noted_and_the_file_beside_it_read(bag, text):
 
 def test_metadata_beyond_its_limit_is_not_parsed(bag):
     (bag / "metadata.yaml").write_text("#" * (2 << 20))
-    assert "longer than" in read_recording(bag).notes[0]
+    assert "larger than 1 MB" in read_recording(bag).notes[0]
 
 
-@pytest.mark.parametrize("name", ["../../etc/passwd", "/etc/passwd", "missing.mcap", "..", ""])
+@pytest.mark.parametrize("opening", ["[", "{", "- ", "? ", "a: ["])
+def test_metadata_nested_without_end_is_left_at_its_sixteenth_level(bag, opening):
+    (bag / "metadata.yaml").write_text(opening * ((1 << 20) // len(opening)))
+    assert "metadata.yaml" in read_recording(bag).notes[0]
+
+
+@pytest.mark.parametrize("name", ["../../etc/passwd", "/etc/passwd", "missing.mcap", "..", ".", ""])
 def test_metadata_that_names_what_is_not_in_the_folder(bag, name):
     rename_in_metadata(bag, name)
     assert "which is no file of this folder" in error_of(bag)
