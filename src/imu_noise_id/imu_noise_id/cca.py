@@ -58,6 +58,10 @@ DATA_ROWS = 1 << 15
 """Rows up to which the data themselves are factored; beyond, their lagged covariances."""
 JOINT_ROWS = 1 << 17
 """Rows at most from which a joint model is refined."""
+CLIMB_ROWS = 1 << 18
+"""Samples from which a new state is refined: the leading ones, or its block means if it is slow."""
+LAST_STEPS = 4
+"""Steps of the final refinement on the whole of a record that is longer."""
 FALSE_ALARM = 0.01
 MOST_STATES = 6
 SHORTEST = 60
@@ -269,14 +273,17 @@ def past_future(series: Series, order: int | None = None) -> Cca:
     if not np.any(values[observed]):
         raise ValueError("all samples are equal")
     first = _search(values, observed)
-    model, found = innovations.white(values, observed), first
+    model, found, rest = innovations.white(values, observed), first, values
     most = MOST_STATES if order is None else order
     while model.order < most and (order is not None or found[0].excess > 1.0):
-        grown = _grow(values, observed, model, found, most - model.order)
+        grown = _grow(values, observed, model, rest, found, most - model.order)
         if grown is None or (order is None and _schwarz(grown) >= _schwarz(model)):
             break
         model = grown
-        found = _search(innovations.residuals(values, observed, model), observed)
+        rest = innovations.residuals(values, observed, model)
+        found = _search(rest, observed)
+    if model.order and observed.sum() > CLIMB_ROWS:
+        model = innovations.maximise(values, observed, model, LAST_STEPS)
     return _described(model, first[0], series.sample_time_s)
 
 
@@ -474,6 +481,8 @@ def _pair_triangle(x: Floats, y: Floats, p: int, q: int, observed: Mask) -> tupl
 
 def _whole_rows(observed: Mask, lags: int) -> NDArray[np.int64]:
     """First samples of the stretches of ``lags`` samples that were all observed."""
+    if observed.all():
+        return np.arange(observed.size - lags + 1)
     seen = np.concatenate(([0], np.cumsum(observed)))
     return np.flatnonzero(seen[lags:] - seen[:-lags] == lags)
 
@@ -598,48 +607,75 @@ def _polynomials(space: StateSpace) -> tuple[Floats, Floats]:
     return innovations.stable(np.real(phi)), innovations.stable(np.real(theta))
 
 
-def _starts(found: _Correlations, room: int) -> list[tuple[Floats, Floats]]:
+def _starts(
+    found: _Correlations, room: int, rest: Floats, observed: Mask
+) -> list[tuple[Floats, Floats]]:
     """Polynomials at the full rate of one more state, and of a pair where lags are samples."""
-    starts = []
     pair = found.block == 1 and found.values[1:2] > found.chance_level
-    for order in range(1, min(2 if pair else 1, room) + 1):
-        phi, theta = _polynomials(_regressed(found, order, 1.0))
-        if found.block == 1:
-            starts.append((phi, theta))
-        elif order == 1 and 0.0 < -phi[1] < 1.0:
-            gain = theta.sum() / phi.sum()  # at zero frequency, whatever the rate
-            pole = (-phi[1]) ** (1.0 / found.block)
-            zero = np.clip(1.0 - (1.0 - pole) * gain, -0.99, 1.0 - 1e-9)
-            starts.append((np.array([1.0, -pole]), np.array([1.0, -zero])))
-    return starts
+    orders = range(1, min(2 if pair else 1, room) + 1)
+    starts = [_polynomials(_regressed(found, order, 1.0)) for order in orders]
+    if found.block == 1:
+        return starts
+    if _too_slow(found.block, observed):
+        means = block_means(Series(rest, observed, 1.0), found.block)
+        coarse = innovations.evaluate(means.values, means.observed, *starts[0])
+        climbed = innovations.maximise(means.values, means.observed, coarse)
+        starts = [(climbed.phi, climbed.theta)]
+    return [_finer(phi, theta, found.block) for phi, theta in starts if 0.0 < -phi[1] < 1.0]
+
+
+def _too_slow(block: int, observed: Mask) -> bool:
+    """Whether the leading samples from which a state is refined do not show it."""
+    return bool(observed.sum() > CLIMB_ROWS and block > CLIMB_ROWS >> 10)
+
+
+def _finer(phi: Floats, theta: Floats, block: int) -> tuple[Floats, Floats]:
+    """First-order polynomials of block means, at the rate of the samples."""
+    gain = theta.sum() / phi.sum()  # at zero frequency, whatever the rate
+    pole = (-phi[1]) ** (1.0 / block)
+    zero = np.clip(1.0 - (1.0 - pole) * gain, -0.99, 1.0 - 1e-9)
+    return np.array([1.0, -pole]), np.array([1.0, -zero])
 
 
 def _grow(
-    values: Floats, observed: Mask, model: Innovations, found: list[_Correlations], room: int
+    values: Floats,
+    observed: Mask,
+    model: Innovations,
+    rest: Floats,
+    found: list[_Correlations],
+    room: int,
 ) -> Innovations | None:
     """Put the new state in cascade with the model, refine, return the best by Schwarz."""
     by_order: dict[int, list[tuple[Floats, Floats]]] = {}
+    blocks: dict[int, list[int]] = {}
     for scale in found:
-        for phi, theta in _starts(scale, room):
+        for phi, theta in _starts(scale, room, rest, observed):
             poles = innovations.admissible(np.asarray(np.polymul(model.phi, phi), float))
             zeros = innovations.admissible(np.asarray(np.polymul(model.theta, theta), float))
             by_order.setdefault(poles.size, []).append((poles, zeros))
-    candidates = [
-        candidate
-        for same in by_order.values()
-        for candidate in innovations.evaluate_all(values, observed, same)
-    ]
-    candidates.sort(key=_schwarz)
-    chosen: list[Innovations] = []
-    for order in sorted({candidate.order for candidate in candidates}):
-        same = [candidate for candidate in candidates if candidate.order == order]
-        chosen += same[: 3 if order == 1 and values.size <= JOINT_ROWS else 1]
+            blocks.setdefault(poles.size, []).append(scale.block)
+    chosen: list[tuple[Innovations, int]] = []
+    for size, same in by_order.items():
+        candidates = innovations.evaluate_all(values, observed, same)
+        ranked = sorted(zip(candidates, blocks[size], strict=True), key=lambda c: _schwarz(c[0]))
+        chosen += ranked[: 3 if size == 2 and values.size <= JOINT_ROWS else 1]
     refined = [
-        innovations.maximise(values, observed, start)
-        for start in chosen
+        _refined(values, observed, start, block)
+        for start, block in chosen
         if np.isfinite(start.deviance)
     ]
     return min(refined, key=_schwarz, default=None)
+
+
+def _refined(values: Floats, observed: Mask, start: Innovations, block: int) -> Innovations:
+    """Climb from a start whose new state was found in blocks of that size."""
+    if observed.sum() <= CLIMB_ROWS:
+        return innovations.maximise(values, observed, start)
+    if _too_slow(block, observed):
+        return start
+    end = int(np.searchsorted(np.cumsum(observed), CLIMB_ROWS)) + 1
+    climbed = innovations.maximise(values[:end], observed[:end], start)
+    return innovations.evaluate(values, observed, climbed.phi, climbed.theta)
 
 
 def _described(model: Innovations, first: _Correlations, sample_time_s: float) -> Cca:
