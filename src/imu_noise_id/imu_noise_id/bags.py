@@ -6,9 +6,10 @@ leaves the interpreter lock alone, and appended in their order: the result does 
 number of threads, and memory grows with the samples kept.
 
 What a file says of itself claims no memory: a chunk may unpack to `mcap_file.CHUNK_LIMIT` (128 MiB,
-up to two of them a thread at a time), a message compressed by itself to 64 KiB, a file compressed
-whole to `bag_files.UNPACKED_LIMIT` times its size (on disk), metadata.yaml may have 1 MiB.  No file
-outside the bag's folder is opened.
+up to two of them a thread at a time), an MCAP file may hold as many messages as it has bytes, a
+message compressed by itself may unpack to 64 KiB, one in a database may have 1 MiB, a file
+compressed whole may unpack to `bag_files.UNPACKED_LIMIT` times its size (on disk), metadata.yaml
+may have 1 MiB.  No file outside the bag's folder is opened.
 """
 
 from __future__ import annotations
@@ -198,6 +199,9 @@ class McapSource:
             for channel_id, decoded, log_ns in parts:
                 mine[channel_id].append(decoded, log_ns)
                 read[channel_id] += decoded.valid.size
+            if sum(read.values()) > self._most():
+                notes.append(f"{self.found.path}: holds more messages than bytes; no more are read")
+                return notes
         if first_ns is None and self.found.stated_counts is not None:
             notes += self._shortfalls(read, self.found.stated_counts)
         return notes
@@ -254,12 +258,16 @@ class McapSource:
             return f"is defined in {schema.encoding!r}, not ros2msg; convert the bag"
         return _definition_problem(schema.name, schema.text)
 
+    def _most(self) -> int:
+        """Most messages believed: one takes a byte of the file at least, however it is packed."""
+        return os.fstat(self.file.fileno()).st_size
+
     def _counts(self) -> dict[int, int]:
         counts: dict[int, int] = {}
         for span in self.found.spans:
             for channel_id, (_, count) in span.index.items():
                 counts[channel_id] = counts.get(channel_id, 0) + count
-        limit = os.fstat(self.file.fileno()).st_size
+        limit = self._most()
         for channel_id, count in (self.found.stated_counts or {}).items():
             counts.setdefault(channel_id, min(count, limit))
         return counts

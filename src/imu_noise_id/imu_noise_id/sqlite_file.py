@@ -1,4 +1,9 @@
-"""One sqlite3 file of a rosbag2 folder: its topics, and a topic's messages in batches."""
+"""One sqlite3 file of a rosbag2 folder: its topics, and a topic's messages in batches.
+
+A few pages that name each other as children are more rows than can ever be read, and a computed
+column is as long as it likes: queries may take no more steps than the file's size makes plausible,
+computed columns are refused, and messages longer than `MESSAGE_LIMIT` are none.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +16,10 @@ from urllib.parse import quote
 
 from imu_noise_id.mcap_file import one_line
 
-_BATCH = 20_000
+MESSAGE_LIMIT = 1 << 20
+_BATCH = 2000
+_STEPS_AT_ONCE = 100_000
+_STEPS_PER_BYTE = 16
 _TABLES = ("topics", "messages")
 ERRORS = (sqlite3.Error, UnicodeDecodeError)
 """What reading a damaged database raises; the second where its error message is damaged too."""
@@ -42,13 +50,29 @@ def open_sqlite(path: Path) -> Iterator[sqlite3.Connection]:
         database.text_factory = lambda text: text.decode(errors="replace")
         database.execute("PRAGMA trusted_schema=OFF")
         database.execute("PRAGMA cell_size_check=ON")
+        _limit_steps(database, path.stat().st_size)
         tables = database.execute(
             "SELECT name FROM sqlite_master WHERE type='table' AND sql LIKE 'CREATE TABLE%'"
         )
         names = {row[0] for row in tables}
         if missing := set(_TABLES) - names:
             raise sqlite3.DatabaseError(f"it has no table {sorted(missing)[0]}")
+        for table in _TABLES:
+            if any(row[6] for row in database.execute(f"PRAGMA table_xinfo({table})")):
+                raise sqlite3.DatabaseError(f"its table {table} has a computed column")
         yield database
+
+
+def _limit_steps(database: sqlite3.Connection, size: int) -> None:
+    """End a query that takes more steps than a file of this size can give work for."""
+    left = 10 + _STEPS_PER_BYTE * size // _STEPS_AT_ONCE
+
+    def stop() -> bool:
+        nonlocal left
+        left -= 1
+        return left < 0
+
+    database.set_progress_handler(stop, _STEPS_AT_ONCE)
 
 
 def topics(database: sqlite3.Connection) -> list[SqliteTopic]:
@@ -82,8 +106,9 @@ def messages(
 ) -> Iterator[tuple[list[int], list[bytes]]]:
     """Times of reception and bytes of a topic's messages, in batches, in the order received."""
     rows = database.execute(
-        "SELECT timestamp, data FROM messages WHERE topic_id=? AND timestamp>=? ORDER BY id",
-        (topic_id, first_ns if first_ns is not None else -(2**63)),
+        "SELECT timestamp, CASE WHEN length(data) > ? THEN x'' ELSE data END FROM messages "
+        "WHERE topic_id=? AND timestamp>=? ORDER BY id",
+        (MESSAGE_LIMIT, topic_id, first_ns if first_ns is not None else -(2**63)),
     )
     while batch := rows.fetchmany(_BATCH):
         whole = [row for row in batch if isinstance(row[0], int) and isinstance(row[1], bytes)]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import zstandard
 from imu_noise_id.bag_writer import write_bag
-from imu_noise_id.bags import read_recording
+from imu_noise_id.bags import read_recording, read_topics
 from imu_noise_id.errors import InputError
 from mcap.writer import CompressionType, IndexType, Writer
 
@@ -164,3 +164,13 @@ def test_walking_stops_at_a_record_that_does_not_fit():
     assert next(records) == (5, 9, 30)
     with pytest.raises(mcap_file.DamagedError, match="middle of a record"):
         next(records)
+
+
+def test_a_small_file_that_unpacks_to_endless_messages_is_left_in_time(tmp_path, imu):
+    path, count = tmp_path / "bomb.mcap", 60_000
+    same = make.messages(imu.topic, imu.type, np.zeros(count, np.int64), {})
+    write_with_mcap(path, same, compression=CompressionType.ZSTD, index_types=IndexType.NONE)
+    assert path.stat().st_size < 0.9 * count
+    (columns,), notes = read_topics(path)
+    assert columns.stamp_ns.size < count
+    assert "more messages than bytes" in notes[0]
