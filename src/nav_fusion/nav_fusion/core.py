@@ -713,6 +713,20 @@ def drop_ahead(core: Core, end: int) -> None:
 
 
 @njit(cache=True)
+def is_plain(last_ns: int, longest_ns: int, stamp_ns: Ints, rate: Floats, force: Floats) -> bool:
+    """Whether a block has nothing to leave out: stamps ascend without a jump, all is finite."""
+    before = last_ns
+    for i in range(stamp_ns.size):
+        if not 0 < stamp_ns[i] - before <= longest_ns:
+            return False
+        before = stamp_ns[i]
+        for j in range(3):
+            if not math.isfinite(rate[i, j] + force[i, j]):
+                return False
+    return True
+
+
+@njit(cache=True)
 def feed(core: Core, stamp_ns: Ints, rate: Floats, force: Floats, out_ns: Ints, out: Floats) -> int:
     """Take a block of samples (stamps ascending); returns how many rows of output became due.
 
@@ -764,6 +778,11 @@ def mixture(core: Core, best: int, mean: Floats, P: Floats) -> int:
     """
     m = core.target.size
     s = core.bank[best]
+    if s[ALIGNED_S] != 0.0:
+        own = s[SLOW + m :]
+        for i in range(NAV):
+            P[NAV * i : NAV * i + NAV] = own[i * STRIDE : i * STRIDE + NAV]
+        return 1
     here = heading_of(s, core)
     radius = math.sqrt(s[R] ** 2 + s[R + 1] ** 2 + s[R + 2] ** 2)
     difference = np.zeros(NAV)

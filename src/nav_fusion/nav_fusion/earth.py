@@ -72,6 +72,16 @@ def ecef_from_geodetic(
     return np.stack(np.broadcast_arrays(x, y, z), axis=-1)
 
 
+@njit(cache=True)
+def ecef_at(latitude_rad: float, longitude_rad: float, altitude_m: float, r: Floats) -> None:
+    """One ECEF point into the first three of ``r``, as :func:`ecef_from_geodetic`."""
+    s, c = math.sin(latitude_rad), math.cos(latitude_rad)
+    N = EQUATORIAL_RADIUS_M / math.sqrt(1.0 - ECCENTRICITY_SQUARED * s * s)
+    r[0] = (N + altitude_m) * c * math.cos(longitude_rad)
+    r[1] = (N + altitude_m) * c * math.sin(longitude_rad)
+    r[2] = (N * (1.0 - ECCENTRICITY_SQUARED) + altitude_m) * s
+
+
 def geodetic_from_ecef(r: Floats) -> tuple[Floats, Floats, Floats]:
     """Latitude, longitude (rad) and altitude (m) of ECEF points (..., 3).
 

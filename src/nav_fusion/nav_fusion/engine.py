@@ -36,8 +36,8 @@ from scipy.special import chdtri
 
 from nav_fusion import core, observe
 from nav_fusion.alignment import rotation_of
-from nav_fusion.earth import ecef_from_geodetic, geodetic_from_ecef
-from nav_fusion.noise import AidNoise, NavigationNoise
+from nav_fusion.earth import geodetic_from_ecef
+from nav_fusion.noise import NavigationNoise
 from nav_fusion.parameters import DEFAULTS, Parameters
 from nav_fusion.starting import AHEAD_S, Measurement, Start, Waiting, quiet_limits
 from nav_fusion.state import SLOW, Layout, layout_of
@@ -47,7 +47,7 @@ Stamps = NDArray[np.int64]
 
 BACKWARDS_S = 2.0
 APART_S = 10.0
-UNKNOWN_FIX_SIGMA_M = (2.5, 2.5, 5.0)
+UNKNOWN_FIX_COVARIANCE = np.diag(np.square((2.5, 2.5, 5.0)))
 FIELD_RANGE_T = (15e-6, 80e-6)
 NO_FIX = -1
 KEPT_CHUNKS = 1000
@@ -168,6 +168,9 @@ class Engine:
         self.fault: str | None = None
         self._notes: dict[str, None] = dict.fromkeys(noise.notes)
         self._past = np.zeros(SLOW)
+        self._white = np.array(
+            [[a.white_sigma for a in axes] for axes in (noise.position, noise.velocity)]
+        )
         self._results: deque[tuple[Stamps, Floats]] = deque(maxlen=KEPT_CHUNKS)
         self._origin: tuple[float, float, float] | None = None
         self._mounting = rotation_of(*parameters.mounting_rpy_rad)
@@ -180,10 +183,13 @@ class Engine:
 
         Returns the rows that became due.
         """
-        stamp_ns = np.asarray(stamp_ns, dtype=np.int64).reshape(-1)
-        rate = np.asarray(rate, dtype=float).reshape(-1, 3)
-        force = np.asarray(force, dtype=float).reshape(-1, 3)
-        if self._is_plain(stamp_ns, rate, force):
+        stamp_ns = np.ascontiguousarray(stamp_ns, dtype=np.int64).reshape(-1)
+        rate = np.ascontiguousarray(rate, dtype=float).reshape(-1, 3)
+        force = np.ascontiguousarray(force, dtype=float).reshape(-1, 3)
+        longest_ns = round(self.parameters.longest_gap_s * 1e9)
+        if self._last_ns is not None and core.is_plain(
+            self._last_ns, longest_ns, stamp_ns, rate, force
+        ):
             return self._take(stamp_ns, rate, force)
         parts: list[Rows] = []
         start = 0
@@ -218,12 +224,9 @@ class Engine:
             self._reject("fix that is not a place on Earth (NaN or out of range)")
             return
         z = np.zeros(core.Z_SIZE)
-        z[0:3] = ecef_from_geodetic(
-            math.radians(latitude_deg), math.radians(longitude_deg), altitude_m
-        )
-        z[3:6] = where
-        claim = self._usable_claim(covariance)
-        self._set_noise(z, self.noise.position, claim, self.noise.position_claimed)
+        claim, claimed = self._usable_claim(covariance), self.noise.position_claimed
+        latitude, longitude, altitude = map(float, where)
+        observe.write_fix(z, latitude, longitude, altitude, claim, self._white[0], claimed)
         self._add(Measurement(self._true_time(stamp_ns), core.FIX, z))
 
     def add_velocity(
@@ -240,9 +243,8 @@ class Engine:
         if not np.isfinite(z[0:3]).all():
             self._note("velocities that are NaN were left out")
             return
-        white = np.array([a.white_sigma for a in self.noise.velocity])
-        R = np.diag(white**2)
-        if covariance is not None and _is_covariance(covariance):
+        R = np.diag(self._white[1] ** 2)
+        if covariance is not None and observe.is_covariance(np.asarray(covariance, dtype=float)):
             R = np.maximum(np.diag(np.diag(covariance)), R)
         z[6:15] = R.ravel()
         z[15:18] = 1.0
@@ -329,18 +331,6 @@ class Engine:
         self._out_ns: Stamps = np.zeros(0, dtype=np.int64)
         self._out: Floats = np.zeros((0, core.OUT_SIZE))
 
-    def _is_plain(self, stamp_ns: Stamps, rate: Floats, force: Floats) -> bool:
-        """Whether a block is as it should be, which most are: one quick look in place of many."""
-        if stamp_ns.size == 0 or self._last_ns is None:
-            return False
-        step = np.diff(stamp_ns, prepend=self._last_ns)
-        return bool(
-            step.min() > 0
-            and step.max() <= self.parameters.longest_gap_s * 1e9
-            and np.isfinite(rate).all()
-            and np.isfinite(force).all()
-        )
-
     def _before_jump(self, stamp_ns: Stamps, start: int) -> int:
         """Index of the first sample from ``start`` on whose stamp jumps, or the size."""
         last = int(stamp_ns[start]) if self._last_ns is None else self._last_ns
@@ -387,7 +377,8 @@ class Engine:
         if stamp_ns.size == 0:
             return _no_rows()
         if self.parameters.mounting_rpy_rad != (0.0, 0.0, 0.0):
-            rate, force = rate @ self._mounting.T, force @ self._mounting.T
+            rate = np.ascontiguousarray(rate @ self._mounting.T)
+            force = np.ascontiguousarray(force @ self._mounting.T)
         self.counts.imu_samples += stamp_ns.size
         self._last_ns = int(stamp_ns[-1])
         if self._core is not None:
@@ -416,7 +407,6 @@ class Engine:
         if self._out_ns.size < stamp_ns.size:
             self._out_ns = np.zeros(stamp_ns.size, dtype=np.int64)
             self._out = np.zeros((stamp_ns.size, core.OUT_SIZE))
-        rate, force = np.ascontiguousarray(rate), np.ascontiguousarray(force)
         before = int(self._core.cursor[core.AHEAD])
         count = core.feed(self._core, stamp_ns, rate, force, self._out_ns, self._out)
         ahead = int(self._core.cursor[core.AHEAD]) - before
@@ -503,27 +493,14 @@ class Engine:
 
     def _usable_claim(self, covariance: Floats | None) -> Floats:
         """Return the receiver's covariance, or a stated default where it is none."""
-        if covariance is not None and _is_covariance(covariance):
-            return np.asarray(covariance, dtype=float)
         if covariance is not None:
+            matrix = np.asarray(covariance, dtype=float)
+            if observe.is_covariance(matrix):
+                return matrix
             self._note("the receiver's covariance is not one (zero, negative or NaN): not used")
         if self.noise.position_claimed:
             self._note("fixes without covariance: 2.5 m horizontal and 5 m vertical assumed")
-        return np.diag(np.square(UNKNOWN_FIX_SIGMA_M))
-
-    def _set_noise(
-        self, z: Floats, axes: tuple[AidNoise, ...], claim: Floats, claimed: bool
-    ) -> None:
-        """R and the scale of the colour: the model's, or the model as a share of the claim."""
-        white = np.array([a.white_sigma for a in axes])
-        if claimed:
-            scale = np.sqrt(np.diag(claim))
-            R = claim * np.outer(white, white)
-        else:
-            scale = np.ones(3)
-            R = np.diag(white**2)
-        z[6:15] = R.ravel()
-        z[15:18] = scale
+        return UNKNOWN_FIX_COVARIANCE
 
     def _reject(self, why: str, count: int = 1) -> None:
         self.counts.rejected += count
@@ -543,15 +520,6 @@ def packed_sensing(parameters: Parameters) -> observe.Sensing:
         np.array([parameters.recovery_fixes, parameters.recovery_s], dtype=float),
         np.array([parameters.declination_rad]),
         np.array([0.02, 1e-5, 0.3, float(parameters.zero_velocity_updates)]),
-    )
-
-
-def _is_covariance(covariance: Floats) -> bool:
-    matrix = np.asarray(covariance, dtype=float)
-    return bool(
-        np.isfinite(matrix).all()
-        and (np.diag(matrix) > 0).all()
-        and np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[0] > 0
     )
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from imu_noise_id.cdr import LAYOUTS, Decoded
+from numpy.typing import NDArray
 
 from imu_noise_id import cdr
 from nav_fusion.engine import Engine, Rows
@@ -16,36 +19,51 @@ def feed(engine: Engine, msgtype: str, decoded: Decoded) -> Rows:
 
     Batches must come in the order of arrival; only IMU samples make rows due.
     """
-    columns = dict(zip(LAYOUTS[msgtype].columns, decoded.values, strict=True))
     if msgtype == cdr.IMU:
-        rate, force = decoded.values[:3].T, decoded.values[3:6].T
-        return engine.add_imu(decoded.stamp_ns, rate, force)
-    for k, stamp_ns in enumerate(decoded.stamp_ns.tolist()):
-        row = {name: float(column[k]) for name, column in columns.items()}
-        if msgtype == cdr.NAV_SAT_FIX:
-            _add_fix(engine, stamp_ns, row)
-        elif msgtype == cdr.MAGNETIC_FIELD:
-            engine.add_field(stamp_ns, _three(row, "magnetic_field"))
-        else:
-            engine.add_velocity(stamp_ns, _three(row, "linear"), _velocity_covariance(row))
+        return engine.add_imu(decoded.stamp_ns, *inertial(decoded.values))
+    add = adder(engine, msgtype, decoded.stamp_ns, decoded.values)
+    for k in range(decoded.stamp_ns.size):
+        add(k)
     return Rows(np.empty(0, np.int64), np.empty((0, 0)))
 
 
-def _add_fix(engine: Engine, stamp_ns: int, row: dict[str, float]) -> None:
-    covariance = None
-    if row["covariance_type"] > _CLAIMED:
-        covariance = np.array([row[f"position_covariance.{k}"] for k in range(9)]).reshape(3, 3)
-    place = row["latitude"], row["longitude"], row["altitude"]
-    engine.add_fix(stamp_ns, *place, covariance, int(row["status"]))
+def inertial(
+    values: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Angular rate and specific force (n, 3) of the columns of ``sensor_msgs/Imu``."""
+    return np.ascontiguousarray(values[:3].T), np.ascontiguousarray(values[3:6].T)
 
 
-def _velocity_covariance(row: dict[str, float]) -> np.ndarray | None:
-    """The upper left 3 x 3 of a twist's covariance, None where it claims nothing."""
-    if "covariance.0" not in row:
-        return None
-    matrix = np.array([[row[f"covariance.{6 * i + j}"] for j in range(3)] for i in range(3)])
-    return matrix if matrix.any() else None
+def adder(
+    engine: Engine, msgtype: str, stamp_ns: NDArray[np.int64], values: NDArray[np.float64]
+) -> Callable[[int], None]:
+    """Return what feeds the k-th of these messages of an aid."""
+    at = {name: k for k, name in enumerate(LAYOUTS[msgtype].columns)}
+    stamps, rows = stamp_ns.tolist(), np.ascontiguousarray(values.T)
+    if msgtype == cdr.NAV_SAT_FIX:
+        first, status, kind = (
+            at[name] for name in ("position_covariance.0", "status", "covariance_type")
+        )
+        places = rows[:, [at[name] for name in ("latitude", "longitude", "altitude")]].tolist()
+        claims = rows[:, first : first + 9].reshape(-1, 3, 3).copy()
 
+        def add_fix(k: int) -> None:
+            claim = claims[k] if rows[k, kind] > _CLAIMED else None
+            latitude, longitude, altitude = places[k]
+            said = int(rows[k, status])
+            engine.add_fix(stamps[k], latitude, longitude, altitude, claim, said)
 
-def _three(row: dict[str, float], name: str) -> tuple[float, float, float]:
-    return row[f"{name}.x"], row[f"{name}.y"], row[f"{name}.z"]
+        return add_fix
+    if msgtype == cdr.MAGNETIC_FIELD:
+        field = rows[:, [at[f"magnetic_field.{a}"] for a in "xyz"]]
+        return lambda k: engine.add_field(stamps[k], field[k])
+    velocity = rows[:, [at[f"linear.{a}"] for a in "xyz"]]
+    if "covariance.0" not in at:
+        return lambda k: engine.add_velocity(stamps[k], velocity[k])
+    corner = [at[f"covariance.{6 * i + j}"] for i in range(3) for j in range(3)]
+    claimed = rows[:, corner].reshape(-1, 3, 3)
+
+    def add_velocity(k: int) -> None:
+        engine.add_velocity(stamps[k], velocity[k], claimed[k] if claimed[k].any() else None)
+
+    return add_velocity

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,6 @@ import numpy as np
 from imu_noise_id.assemble import to_recording
 from imu_noise_id.bag_writer import TopicBytes, write_bag
 from imu_noise_id.bags import read_topics
-from imu_noise_id.cdr import Decoded
 from imu_noise_id.columns import TopicColumns
 from imu_noise_id.errors import InputError
 from imu_noise_id.identify import identify_recording
@@ -26,7 +25,7 @@ from imu_noise_id import cdr
 from nav_fusion import core
 from nav_fusion.consistency import Innovations, innovations_of
 from nav_fusion.engine import Engine, Rows, Status, joined
-from nav_fusion.feeding import feed
+from nav_fusion.feeding import adder, inertial
 from nav_fusion.noise import NavigationNoise, TurnOn, from_model, mems_defaults
 from nav_fusion.parameters import DEFAULTS, Parameters
 from nav_fusion.published import FIX_TOPIC, ODOMETRY_TOPIC, fix_messages, odometry_messages
@@ -150,29 +149,30 @@ def run(engine: Engine, columns: Sequence[TopicColumns]) -> Rows:
     imu = next(c for c in columns if c.type == cdr.IMU)
     aids = [c for c in columns if c.type in AIDS and c.stamp_ns.size]
     arrived = np.maximum.accumulate(imu.log_ns)
+    add = [adder(engine, c.type, c.stamp_ns, c.values) for c in aids]
     events = sorted(
-        (int(np.searchsorted(arrived, log_ns, side="right")), int(log_ns), k, i)
+        (until, log_ns, k, i)
         for k, c in enumerate(aids)
-        for i, log_ns in enumerate(np.maximum.accumulate(c.log_ns))
+        for i, (until, log_ns) in enumerate(_arrivals(arrived, c.log_ns))
     )
+    rate, force = inertial(imu.values)
     parts: list[Rows] = []
     begin = 0
     for until, _, k, i in events:
         if until > begin:
-            parts.append(feed(engine, cdr.IMU, _slice(imu, begin, until)))
+            block = slice(begin, until)
+            parts.append(engine.add_imu(imu.stamp_ns[block], rate[block], force[block]))
             begin = until
-        feed(engine, aids[k].type, _slice(aids[k], i, i + 1))
-    parts.append(feed(engine, cdr.IMU, _slice(imu, begin, imu.stamp_ns.size)))
+        add[k](i)
+    parts.append(engine.add_imu(imu.stamp_ns[begin:], rate[begin:], force[begin:]))
     return joined(parts)
 
 
-def _slice(columns: TopicColumns, begin: int, end: int) -> Decoded:
-    return Decoded(
-        columns.stamp_ns[begin:end],
-        columns.values[:, begin:end],
-        np.ones(end - begin, dtype=bool),
-        columns.frame_ids,
-    )
+def _arrivals(arrived: Stamps, log_ns: Stamps) -> Iterable[tuple[int, int]]:
+    """How many samples came before each message, and when it came."""
+    in_order = np.maximum.accumulate(log_ns)
+    before = np.searchsorted(arrived, in_order, side="right")
+    return zip(before.tolist(), in_order.tolist(), strict=True)
 
 
 def choose_noise(

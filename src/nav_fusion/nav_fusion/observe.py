@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from nav_fusion.earth import EARTH_RATE_RAD_S, level_axes_at
+from nav_fusion.earth import EARTH_RATE_RAD_S, ecef_at, level_axes_at
 from nav_fusion.state import (
     HEADING,
     LOG_WEIGHT,
@@ -86,7 +86,7 @@ class Update(NamedTuple):
     y: Floats
     H: Floats
     R: Floats
-    PHt: Floats
+    HP: Floats
     S: Floats
     K: Floats
     T: Floats
@@ -105,9 +105,9 @@ def update_views(flat: Floats) -> Update:
         flat[0:3],
         flat[a:b].reshape(3, STRIDE),
         flat[3:12].reshape(3, 3),
-        flat[b:c].reshape(STRIDE, 3),
+        flat[b:c].reshape(3, STRIDE),
         flat[12:21].reshape(3, 3),
-        flat[c:d].reshape(STRIDE, 3),
+        flat[c:d].reshape(3, STRIDE),
         flat[21:30].reshape(3, 3),
         flat[30:39].reshape(3, 3),
         flat[39:42],
@@ -115,22 +115,31 @@ def update_views(flat: Floats) -> Update:
 
 
 @njit(cache=True)
+def times_covariance(P: Floats, n: int, k: int, u: Update) -> None:
+    """HP = H P by the rows of P that H reaches, which are few."""
+    for a in range(k):
+        out = u.HP[a, :n]
+        out[:] = 0.0
+        for j in range(n):
+            h = u.H[a, j]
+            if h != 0.0:
+                row = P[j * STRIDE : j * STRIDE + n]
+                for i in range(n):
+                    out[i] += h * row[i]
+
+
+@njit(cache=True)
 def innovation_covariance(P: Floats, n: int, k: int, u: Update) -> float:
-    """PHt = P H', S = H P H' + R; the lower Cholesky factor replaces S; returns log det S.
+    """HP = H P, S = H P H' + R; the lower Cholesky factor replaces S; returns log det S.
 
     -1 times infinity when S is not positive definite.
     """
-    for i in range(n):
-        for a in range(k):
-            total = 0.0
-            for j in range(n):
-                total += P[i * STRIDE + j] * u.H[a, j]
-            u.PHt[i, a] = total
+    times_covariance(P, n, k, u)
     for a in range(k):
         for b in range(a + 1):
             total = 0.5 * (u.R[a, b] + u.R[b, a])
             for j in range(n):
-                total += 0.5 * (u.H[a, j] * u.PHt[j, b] + u.H[b, j] * u.PHt[j, a])
+                total += 0.5 * (u.H[a, j] * u.HP[b, j] + u.H[b, j] * u.HP[a, j])
             u.S[a, b] = total
     logarithm = 0.0
     for a in range(k):
@@ -163,27 +172,30 @@ def whiten(k: int, u: Update) -> float:
 
 @njit(cache=True)
 def gain(n: int, k: int, u: Update) -> None:
-    """K = P H' S^-1 by the Cholesky factor of S."""
-    for i in range(n):
-        for a in range(k):
-            total = u.PHt[i, a]
-            for b in range(a):
-                total -= u.S[a, b] * u.K[i, b]
-            u.K[i, a] = total / u.S[a, a]
-        for a in range(k - 1, -1, -1):
-            total = u.K[i, a]
-            for b in range(a + 1, k):
-                total -= u.S[b, a] * u.K[i, b]
-            u.K[i, a] = total / u.S[a, a]
+    """K' = S^-1 H P by the Cholesky factor of S."""
+    for a in range(k):
+        row = u.K[a, :n]
+        row[:] = u.HP[a, :n]
+        for b in range(a):
+            row -= u.S[a, b] * u.K[b, :n]
+        row /= u.S[a, a]
+    for a in range(k - 1, -1, -1):
+        row = u.K[a, :n]
+        for b in range(a + 1, k):
+            row -= u.S[b, a] * u.K[b, :n]
+        row /= u.S[a, a]
 
 
 @njit(cache=True)
 def subtract_product(P: Floats, A: Floats, B: Floats, n: int, k: int) -> None:
-    """P <- P - A B' of (n, k) matrices."""
-    for i in range(n):
-        for j in range(n):
-            for a in range(k):
-                P[i * STRIDE + j] -= A[i, a] * B[j, a]
+    """P <- P - A' B of (k, n) matrices."""
+    for a in range(k):
+        b = B[a, :n]
+        for i in range(n):
+            c = A[a, i]
+            row = P[i * STRIDE : i * STRIDE + n]
+            for j in range(n):
+                row[j] -= c * b[j]
 
 
 @njit(cache=True)
@@ -198,21 +210,24 @@ def symmetrise(P: Floats, n: int) -> None:
 
 @njit(cache=True)
 def joseph(P: Floats, n: int, k: int, u: Update) -> None:
-    """P <- (I - K H) P (I - K H)' + K R K', symmetric to the last bit; K is left in ``u``.
+    """P <- (I - K H) P (I - K H)' + K R K', symmetric to the last bit; K' is left in ``u``.
 
-    As two products of rank k: A = P - K (P H')', then A - (A H' - K R) K'.
+    As two products of rank k: A = P - K H P, then A - K (A H' - K R)'.
     """
     gain(n, k, u)
-    subtract_product(P, u.K, u.PHt, n, k)
-    for i in range(n):
-        for a in range(k):
-            total = 0.0
-            for j in range(n):
-                total += P[i * STRIDE + j] * u.H[a, j]
-            for b in range(k):
-                total -= u.K[i, b] * u.R[b, a]
-            u.PHt[i, a] = total
-    subtract_product(P, u.PHt, u.K, n, k)
+    subtract_product(P, u.K, u.HP, n, k)
+    for a in range(k):
+        out = u.HP[a, :n]
+        out[:] = 0.0
+        for j in range(n):
+            h = u.H[a, j]
+            if h != 0.0:  # a column: A is symmetric but for rounding, which is what this is for
+                for i in range(n):
+                    out[i] += P[i * STRIDE + j] * h
+        for b in range(k):
+            for i in range(n):
+                out[i] -= u.K[b, i] * u.R[b, a]
+    subtract_product(P, u.HP, u.K, n, k)
     symmetrise(P, n)
 
 
@@ -224,7 +239,7 @@ def apply_correction(s: Floats, m: int, k: int, u: Update) -> None:
     x = np.zeros(n)
     for i in range(n):
         for a in range(k):
-            x[i] += u.K[i, a] * u.y[a]
+            x[i] += u.K[a, i] * u.y[a]
     for i in range(3):
         s[R + i] += x[i]
         s[V + i] += x[3 + i]
@@ -253,6 +268,48 @@ def turned_columns(H: Floats, k: int, T: Floats, arm: Floats) -> None:
         H[a, 6] = -(T[a, 1] * arm[2] - T[a, 2] * arm[1])
         H[a, 7] = -(T[a, 2] * arm[0] - T[a, 0] * arm[2])
         H[a, 8] = -(T[a, 0] * arm[1] - T[a, 1] * arm[0])
+
+
+@njit(cache=True)
+def is_covariance(c: Floats) -> bool:
+    """Whether a matrix (3, 3) has a Cholesky factor; false where it is not finite."""
+    l00 = c[0, 0]
+    if not 0.0 < l00 < math.inf:
+        return False
+    l00 = math.sqrt(l00)
+    l10 = 0.5 * (c[1, 0] + c[0, 1]) / l00
+    l20 = 0.5 * (c[2, 0] + c[0, 2]) / l00
+    l11 = c[1, 1] - l10 * l10
+    if not 0.0 < l11 < math.inf:
+        return False
+    l21 = (0.5 * (c[2, 1] + c[1, 2]) - l20 * l10) / math.sqrt(l11)
+    l22 = c[2, 2] - l20 * l20 - l21 * l21
+    return 0.0 < l22 < math.inf
+
+
+@njit(cache=True)
+def write_fix(
+    z: Floats,
+    latitude_deg: float,
+    longitude_deg: float,
+    altitude_m: float,
+    claim: Floats,
+    white: Floats,
+    claimed: bool,
+) -> None:
+    """Numbers of a fix, as :func:`prepare_fix` wants them.
+
+    R and the scale of the colour are the model's, or the model as a share of the claim (3, 3).
+    """
+    ecef_at(math.radians(latitude_deg), math.radians(longitude_deg), altitude_m, z)
+    z[3], z[4], z[5] = latitude_deg, longitude_deg, altitude_m
+    for i in range(3):
+        z[15 + i] = math.sqrt(claim[i, i]) if claimed else 1.0
+        for j in range(3):
+            if claimed:
+                z[6 + 3 * i + j] = claim[i, j] * white[i] * white[j]
+            else:
+                z[6 + 3 * i + j] = white[i] * white[i] if i == j else 0.0
 
 
 @njit(cache=True)

@@ -224,18 +224,13 @@ def bias_rows(M: Floats, columns: int, mean: Floats, target: Ints, C: Nine, B: F
         t = target[s]
         if t >= IMU_TARGETS:
             break
-        c0, c1, c2 = C[0], C[3], C[6]
-        if t % 3 == 1:
-            c0, c1, c2 = C[1], C[4], C[7]
-        elif t % 3 == 2:
-            c0, c1, c2 = C[2], C[5], C[8]
-        c0, c1, c2 = mean[s] * c0, mean[s] * c1, mean[s] * c2
-        source, to = (NAV + s) * STRIDE, (t // 3) * 3 * STRIDE
-        for j in range(columns):
-            x = M[source + j]
-            B[to + j] += c0 * x
-            B[to + STRIDE + j] += c1 * x
-            B[to + 2 * STRIDE + j] += c2 * x
+        first, to = (NAV + s) * STRIDE, (t // 3) * 3 * STRIDE
+        row = M[first : first + columns]
+        for a in range(3):
+            c = mean[s] * C[3 * a + t % 3]
+            sums = B[to + a * STRIDE : to + a * STRIDE + columns]
+            for j in range(columns):
+                sums[j] += c * row[j]
 
 
 @njit(cache=True)
