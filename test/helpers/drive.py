@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+from imu_noise_id.bag_writer import TopicBytes, write_bag
 from nav_fusion.engine import Engine, Rows, joined
+
+from imu_noise_id import cdr
 
 START_NS = 1_700_000_000_000_000_000
 LATITUDE, LONGITUDE, ALTITUDE, GRAVITY = 47.0, 8.0, 400.0, 9.80863
@@ -81,3 +85,26 @@ def play(
         engine.add_fix(int(d.fix_ns[k]), *d.fix[k], covariance)
     samples(d.stamp_ns.size)
     return joined(rows)
+
+
+def write(d: Drive, path: Path, late_s: float = 0.0) -> Path:
+    """Write a drive as a bag; fixes are received ``late_s`` late."""
+    names = [f"{n}.{a}" for n in ("angular_velocity", "linear_acceleration") for a in "xyz"]
+    imu = dict(zip(names, np.hstack((d.rate, d.force)).T, strict=True))
+    fixes = dict(zip(("latitude", "longitude", "altitude"), d.fix.T, strict=True))
+    fixes |= {f"position_covariance.{k}": 0.09 for k in (0, 4, 8)} | {"covariance_type": 2.0}
+    write_bag(
+        path,
+        [
+            TopicBytes(
+                "/imu/data", cdr.IMU, d.stamp_ns, cdr.encode(cdr.IMU, d.stamp_ns, imu, "imu")
+            ),
+            TopicBytes(
+                "/gps/fix",
+                cdr.NAV_SAT_FIX,
+                d.fix_ns + round(late_s * 1e9),
+                cdr.encode(cdr.NAV_SAT_FIX, d.fix_ns, fixes, "gps"),
+            ),
+        ],
+    )
+    return path

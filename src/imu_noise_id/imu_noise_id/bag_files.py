@@ -46,9 +46,15 @@ class BagFiles:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path looks like a bag: a folder with metadata.yaml or one .mcap, or an .mcap."""
+    """Whether a path looks like a bag: a folder with metadata.yaml or one .mcap, or an .mcap.
+
+    A folder with bags in it is none, whatever stray file lies beside them.
+    """
     if path.is_dir():
-        return (path / "metadata.yaml").is_file() or len(list(path.glob("*.mcap"))) == 1
+        if (path / "metadata.yaml").is_file():
+            return True
+        beside = any((entry / "metadata.yaml").is_file() for entry in path.iterdir())
+        return not beside and len(list(path.glob("*.mcap"))) == 1
     return path.is_file() and path.suffix in (".mcap", ".db3")
 
 

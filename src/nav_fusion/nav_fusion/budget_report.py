@@ -6,12 +6,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from imu_noise_id.report.figures import PALETTE
+from imu_noise_id.report.curves import Part
+from imu_noise_id.report.figures import PALETTE, areas_figure
 from imu_noise_id.report.page import Figure, Page, Section, Table
 from imu_noise_id.report.plot import Axis, Layer, Plot
 
 from nav_fusion.budget import Budget, Scenario, Share
 
+MOST_SHOWN = 7
 _TIMES_S = (1.0, 10.0, 60.0, 300.0)
 _QUANTITIES = (
     ("position", "position_sigma_m", "m", 1.0),
@@ -100,16 +102,16 @@ def _causes(budget: Budget, scenario: Scenario) -> Section:
         (s.effect, s.sensor, *(f"{100 * x[i]:.1f}" for x in (s.position, s.velocity, s.heading)))
         for s in shares
     )
-    layers = tuple(
-        Layer(
-            "line",
-            {"x": scenario.time_s[1:], "y": 100 * s.position[1:]},
-            _label(s),
-            PALETTE[k % len(PALETTE)],
-        )
-        for k, s in enumerate(shares[:8])
+    parts = [Part(_label(s), 100 * s.position[1:]) for s in shares[:MOST_SHOWN]]
+    if len(shares) > MOST_SHOWN:
+        rest = sum(100 * s.position[1:] for s in shares[MOST_SHOWN:])
+        parts.append(Part("all others", np.asarray(rest)))
+    plot = areas_figure(
+        scenario.time_s[1:],
+        parts,
+        Axis("time, s", True),
+        Axis("share of the position's variance, %", False, 0.0, 100.0),
     )
-    plot = Plot(Axis("time, s", True), Axis("share of the position's variance, %"), layers)
     table = Table(
         f"Shares of the variance after {scenario.time_s[i]:.0f} s, %",
         ("effect", "sensor", "position", "velocity", "heading"),
@@ -122,6 +124,6 @@ def _causes(budget: Budget, scenario: Scenario) -> Section:
             "Why Allan values get inflated: what a static record shows is only its white noise and "
             "slow terms.  Turn-on bias, temperature, vibration and the start stand beside them.",
         ),
-        (Figure("What causes the position error", "Shares of the variance over time.", plot),),
+        (Figure("What causes the position error", "Shares of the variance, stacked.", plot),),
         (table,),
     )

@@ -145,3 +145,10 @@ def test_bags_in_a_folder_are_found_by_name(bag, tmp_path):
     assert find_bags(bag) == (bag,)
     assert is_bag(bag / "bag.mcap")
     assert not is_bag(tmp_path / "empty")
+
+
+def test_a_stray_file_beside_bags_does_not_make_their_folder_a_bag(bag, tmp_path):
+    stray = tmp_path / "stray.mcap"
+    stray.write_bytes((bag / "bag.mcap").read_bytes())
+    assert not is_bag(tmp_path)
+    assert find_bags(tmp_path) == (bag, stray)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from imu_noise_id.bag_writer import TopicBytes, write_bag
 from imu_noise_id.bags import read_topics
 from nav_fusion.commands.fuse import main
 from nav_fusion.engine import Engine
@@ -17,7 +16,7 @@ from nav_fusion.noise import from_model
 from nav_fusion.parameters import Parameters
 from rosbags.highlevel import AnyReader
 
-from helpers.drive import Drive, drive, play
+from helpers.drive import drive, play, write
 from imu_noise_id import cdr
 
 MODEL = """\
@@ -29,28 +28,6 @@ channels:
     for name, density in (("angular_velocity", 1e-4), ("linear_acceleration", 2e-3))
     for axis in "xyz"
 )
-
-
-def write(d: Drive, path: Path, late_s: float = 0.0) -> Path:
-    names = [f"{n}.{a}" for n in ("angular_velocity", "linear_acceleration") for a in "xyz"]
-    imu = dict(zip(names, np.hstack((d.rate, d.force)).T, strict=True))
-    fixes = dict(zip(("latitude", "longitude", "altitude"), d.fix.T, strict=True))
-    fixes |= {f"position_covariance.{k}": 0.09 for k in (0, 4, 8)} | {"covariance_type": 2.0}
-    write_bag(
-        path,
-        [
-            TopicBytes(
-                "/imu/data", cdr.IMU, d.stamp_ns, cdr.encode(cdr.IMU, d.stamp_ns, imu, "imu")
-            ),
-            TopicBytes(
-                "/gps/fix",
-                cdr.NAV_SAT_FIX,
-                d.fix_ns + round(late_s * 1e9),
-                cdr.encode(cdr.NAV_SAT_FIX, d.fix_ns, fixes, "gps"),
-            ),
-        ],
-    )
-    return path
 
 
 def test_a_bag_ends_in_the_engines_own_state(tmp_path: Path) -> None:

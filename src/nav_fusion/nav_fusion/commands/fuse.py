@@ -23,7 +23,8 @@ def parser() -> Parser:
     arguments = Parser(
         "nav_fusion fuse",
         "Fuse an IMU and a GNSS receiver with a filter that takes its noise from an identified "
-        "model: filtered/ (a bag with /odometry/filtered and /gps/filtered) and fuse.json.  "
+        "model: filtered/ (a bag with /odometry/filtered and /gps/filtered), fuse.json and "
+        "report.html.  "
         "Without --bag it runs as a live node.",
         _EXAMPLES,
     )
@@ -76,11 +77,21 @@ def work(options: argparse.Namespace) -> None:
         done("fused")
         if options.output is not None:
             write_result(result, Path(options.output), done)
+            _write_report(result, options)
     if options.json:
         print(json_text(fuse_tree(result)), end="")
     else:
         print(_summary(options, result))
     warn(result.notes)
+
+
+def _write_report(result, options: argparse.Namespace) -> None:  # type: ignore[no-untyped-def]  # lazy
+    from imu_noise_id.files import write_text
+    from imu_noise_id.report.page import render
+
+    from nav_fusion.fuse_report import page_of
+
+    write_text(Path(options.output, "report.html"), render(page_of(result, options.bag)))
 
 
 def _summary(options: argparse.Namespace, result) -> str:  # type: ignore[no-untyped-def]  # lazy
@@ -91,12 +102,13 @@ def _summary(options: argparse.Namespace, result) -> str:  # type: ignore[no-unt
     white = {None: "too few to tell", True: "white", False: "NOT white"}[s.white]
     end = result.solution
     sigma = end.pose_covariance[-1].diagonal() ** 0.5
+    written = f"report: {Path(options.output, 'report.html')}"
     return (
         f"{options.bag}: {s.imu_samples} IMU samples; {s.used} fixes used, {s.gated} gated, "
         f"{s.late} late, {s.rejected} rejected\n"
         f"NIS {nis}, innovations {white}; 1 sigma at the end: {sigma[0]:.2f} m east, "
         f"{sigma[1]:.2f} m north, {sigma[2]:.2f} m up, {sigma[5] * 57.29578:.2f} deg heading\n"
-        f"written to {options.output}"
+        f"{written}"
     )
 
 
