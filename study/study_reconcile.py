@@ -16,6 +16,8 @@ import time
 from collections import Counter
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +28,14 @@ sys.path.insert(0, str(ROOT / "test" / "helpers"))
 
 import hidden_effects as hidden  # noqa: E402
 from imu_noise_id.identify import identify_recording  # noqa: E402
-from imu_noise_id.model import NoiseModel  # noqa: E402
-from imu_noise_id.reconcile import reconcile_recording  # noqa: E402
+from imu_noise_id.model import ChannelModel, NoiseModel  # noqa: E402
+from imu_noise_id.model_file import load_model, save_model, typed_effect  # noqa: E402
+from imu_noise_id.reconcile import (  # noqa: E402
+    Reconciliation,
+    compare_recording,
+    reconcile_recording,
+)
+from imu_noise_id.reconcile.loop import FALSE_ALARM_RATE  # noqa: E402
 from imu_noise_id.recording import Channel, Recording, unit_of  # noqa: E402
 
 CLEAR_NATS, HALF_NATS = 30.0, 15.0
@@ -40,16 +48,54 @@ PAIRS = (
     "periodic+gauss_markov",
     "variance_change+rate_ramp",
 )
+LACKING = "periodic+narrow_band+bias_step"
 SLOW = {"rate_random_walk", "gauss_markov", "bias_instability", "random_telegraph"}
+SENSORS = 40
+"""Made-up sensors whose models the recordings with a hidden effect share; a control has its own."""
+CERTAIN_KINDS = {
+    *("outliers", "output_rounding", "saturation", "bandwidth_limit", "averaging"),
+    *("held_samples", "timestamp_jitter", "dropouts"),
+}
+"""Hidden at one strength, far above any threshold."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is recorded, and where its model comes from."""
+
+    names: tuple[str, ...] = hidden.IMU_CHANNELS
+    rate_hz: float = 200.0
+    duration_s: float = 600.0
+    typed: bool = False
+
+    @property
+    def false_alarm_rate(self) -> float:
+        """The same for a channel as with six of them."""
+        return FALSE_ALARM_RATE * len(self.names) / 6.0
+
+
+TWO = (hidden.IMU_CHANNELS[0], hidden.IMU_CHANNELS[4])
+GNSS = Setting(("position.east", "position.north", "position.up"), 10.0, 3600.0)
+SETTINGS = {
+    "half": Setting(TWO),
+    "power": Setting(TWO),
+    "typed": Setting(TWO, typed=True),
+    "typed half": Setting(TWO, typed=True),
+    "typed nothing": Setting(typed=True),
+    "gnss": GNSS,
+    "own form": Setting(TWO[:1], typed=True),
+}
 
 
 def as_recording(made: hidden.Hidden) -> Recording:
+    topic = "/gps/fix" if "position.up" in made.values else "/imu/data"
+
     def channel(name: str, stamp_ns: Any, values: Any, rate_hz: float, topic: str) -> Channel:
         still = np.ones(values.size, dtype=bool)
         return Channel(topic, name, unit_of(name), stamp_ns, values, still, rate_hz)
 
     channels = tuple(
-        channel(name, made.stamp_ns, values, made.rate_hz, "/imu/data")
+        channel(name, made.stamp_ns, values, made.rate_hz, topic)
         for name, values in made.values.items()
     )
     regressor = channel(
@@ -58,42 +104,118 @@ def as_recording(made: hidden.Hidden) -> Recording:
     return Recording(made.kind, int(made.stamp_ns[0]), channels, regressor)
 
 
-def sensor_model(seed: int) -> NoiseModel:
-    """Model of the sensor from another recording, with nothing hidden."""
-    clean = hidden.recording("nothing", 0.0, 10**6 + seed, sensor_seed=seed)
-    return identify_recording(as_recording(clean), 1).model
+def record(setting: Setting, kind: str, nats: float, seed: int, **seeds: int) -> hidden.Hidden:
+    trust = hidden.KNOWN if setting.typed else 1.0
+    where = (setting.duration_s, setting.rate_hz, setting.names)
+    return hidden.recording(kind, nats, seed, *where, trust=trust, **seeds)
 
 
-def run_one(task: tuple[str, str, float, int]) -> dict[str, Any]:
+def typed_model(setting: Setting, sensor_seed: int) -> NoiseModel:
+    """The sensor's own values, as a hand-typed file would have them."""
+    channels = []
+    for name, sensor in hidden.sensors(sensor_seed, setting.names).items():
+        white = typed_effect("white_noise", name, {"density": sensor.white})
+        values = {"sigma": sensor.slow_sigma, "correlation_time_s": sensor.slow_time_s}
+        slow = typed_effect("gauss_markov", name, dict(values))
+        channels.append(ChannelModel(name, "", unit_of(name), None, 0.0, (white, slow)))
+    return NoiseModel(tuple(channels))
+
+
+def sensor_model(setting: Setting, sensor_seed: int, folder: Path) -> NoiseModel:
+    """Model of the sensor from another recording, with nothing hidden; identified once."""
+    if setting.typed:
+        return typed_model(setting, sensor_seed)
+    file = folder / f"{setting.names[0]}_{len(setting.names)}_{sensor_seed}.yaml"
+    if not file.is_file():
+        clean = record(setting, "nothing", 0.0, 10**6 + sensor_seed, sensor_seed=sensor_seed)
+        folder.mkdir(parents=True, exist_ok=True)
+        save_model(identify_recording(as_recording(clean), 1).model, file)
+    return load_model(file)
+
+
+def loud_simulator(sensor_seed: int, folder: Path) -> NoiseModel:
+    """Model of a simulator's recording whose white noise is a tenth too loud."""
+    file = folder / f"loud_{sensor_seed}.yaml"
+    if not file.is_file():
+        clean = record(Setting(), "nothing", 0.0, 2 * 10**6 + sensor_seed, sensor_seed=sensor_seed)
+        rng = np.random.default_rng([sensor_seed, 9])
+        for name, sensor in hidden.sensors(sensor_seed).items():
+            more = np.sqrt(0.21 * clean.rate_hz) * sensor.white
+            clean.values[name] = clean.values[name] + more * rng.standard_normal(
+                clean.stamp_ns.size
+            )
+        folder.mkdir(parents=True, exist_ok=True)
+        save_model(identify_recording(as_recording(clean), 1).model, file)
+    return load_model(file)
+
+
+def run_one(task: Task, folder: Path) -> dict[str, Any]:
     section, kind, nats, seed = task
-    model = sensor_model(seed)
-    made = hidden.recording(kind, nats, seed)
+    if section == "own form":
+        return run_own_form(kind, nats, seed)
+    setting = SETTINGS.get(section, Setting())
+    sensor_seed = seed if kind == "nothing" and section != "loud" else seed % SENSORS
+    if section == "loud":
+        model = loud_simulator(sensor_seed, folder)
+    else:
+        model = sensor_model(setting, sensor_seed, folder)
+    made = record(setting, kind, nats, seed, sensor_seed=sensor_seed)
+    if section == "loud":
+        made.truth = dict.fromkeys(made.values, ("white_noise",))
     start = time.process_time()
-    result = reconcile_recording(as_recording(made), model, workers=1)
-    cpu_s = time.process_time() - start
+    result = reconcile_recording(as_recording(made), model, 0, 1, setting.false_alarm_rate)
     line: dict[str, Any] = {
         "section": section,
         "kind": kind,
         "nats": nats,
         "seed": seed,
-        "cpu_s": round(cpu_s, 2),
+        "cpu_s": round(time.process_time() - start, 2),
         "truth": {name: list(right) for name, right in made.truth.items()},
-        "found": {
-            c.name: {
-                "verdict": c.verdict,
-                "before": c.before.score,
-                "after": c.after.score,
-                "steps": [[s.action, s.effect.name, s.effect.note] for s in c.steps],
-            }
-            for c in result.channels
-            if c.verdict != "agrees"
-        },
+        "found": found_in(result),
     }
     if section == "clear" and judge(line) in ("right", "between"):
-        second = hidden.recording(kind, nats, seed, noise_seed=seed + 5 * 10**6)
-        again = reconcile_recording(as_recording(second), result.model, workers=1)
-        line["second"] = max(again.channel(name).before.score for name in made.truth)
+        noise_seed = seed + 5 * 10**6
+        second = as_recording(
+            record(setting, kind, nats, seed, sensor_seed=sensor_seed, noise_seed=noise_seed)
+        )
+        part = replace(second, channels=tuple(second.channel(name) for name in made.truth))
+        line["second"] = max(c.before.score for c in compare_recording(part, result.model))
     return line
+
+
+def found_in(result: Reconciliation) -> dict[str, Any]:
+    return {
+        c.name: {
+            "verdict": c.verdict,
+            "before": c.before.score,
+            "after": c.after.score,
+            "steps": [[s.action, s.effect.name, s.effect.note] for s in c.steps],
+        }
+        for c in result.channels
+        if c.verdict != "agrees"
+    }
+
+
+def run_own_form(kind: str, nats: float, seed: int) -> dict[str, Any]:
+    """An effect of the catalogue's own form, and whether its true values are in the intervals."""
+    setting = SETTINGS["own form"]
+    name = setting.names[0]
+    made, truth = hidden.own_form(kind, nats, seed, name)
+    model = typed_model(setting, seed)
+    start = time.process_time()
+    result = reconcile_recording(as_recording(made), model, 0, 1, setting.false_alarm_rate)
+    inside: dict[str, bool] = {}
+    for step in result.channel(name).steps:
+        if step.effect.name == kind:
+            for parameter, said in zip(
+                step.effect.effect.parameters, step.effect.estimates, strict=True
+            ):
+                low, high = said.lower, said.upper
+                if parameter.name in truth and low is not None and high is not None:
+                    inside[parameter.name] = bool(low <= truth[parameter.name] <= high)
+    cpu_s = round(time.process_time() - start, 2)
+    line = {"section": "own form", "kind": kind, "nats": nats, "seed": seed, "cpu_s": cpu_s}
+    return {**line, "truth": {name: [kind]}, "found": found_in(result), "inside": inside}
 
 
 def judge(line: dict[str, Any]) -> str:
@@ -141,20 +263,33 @@ def wilson(hits: int, runs: int) -> str:
     return f"{100 * p:.0f} % ({100 * low:.0f}-{100 * high:.0f})"
 
 
-def tasks(runs: int, controls: int, only: Iterable[str]) -> list[tuple[str, str, float, int]]:
-    sections = {
+Task = tuple[str, str, float, int]
+
+
+def tasks(runs: int, controls: int, only: Iterable[str]) -> list[Task]:
+    graded = [k for k in hidden.KINDS if k not in CERTAIN_KINDS]
+    alone = [k for k in hidden.ON_ONE_CHANNEL if k not in CERTAIN_KINDS]
+    seeds = range(runs)
+    sections: dict[str, list[tuple[str, float, int]]] = {
         "nothing": [("nothing", 0.0, s) for s in range(controls)],
-        "clear": [(k, CLEAR_NATS, s) for s in range(runs) for k in hidden.KINDS],
-        "outside": [(k, CLEAR_NATS, s) for s in range(runs) for k in hidden.OUTSIDE],
-        "half": [(k, HALF_NATS, s) for s in range(runs) for k in hidden.KINDS],
-        "pairs": [(k, 2.0 * CLEAR_NATS, s) for s in range(runs) for k in PAIRS],
-        "power": [(k, n, s) for s in range(runs) for k in POWER_KINDS for n in POWER_NATS],
+        "typed nothing": [("nothing", 0.0, s) for s in range(controls // 3)],
+        "clear": [(k, CLEAR_NATS, s) for s in seeds for k in hidden.KINDS],
+        "half": [(k, HALF_NATS, s) for s in seeds for k in graded],
+        "typed": [(k, CLEAR_NATS, s) for s in seeds for k in graded],
+        "typed half": [(k, HALF_NATS, s) for s in seeds for k in graded],
+        "gnss": [(k, CLEAR_NATS, s) for s in seeds for k in alone],
+        "outside": [(k, CLEAR_NATS, s) for s in seeds for k in hidden.OUTSIDE],
+        "pairs": [(k, 2.0 * CLEAR_NATS, s) for s in seeds for k in PAIRS],
+        "loud": [("nothing", 0.0, s) for s in seeds],
+        "lacking": [(LACKING, 2.0 * CLEAR_NATS, s) for s in seeds],
+        "own form": [(k, 4.0 * CLEAR_NATS, s) for s in seeds for k in hidden.OWN_FORMS],
+        "power": [(k, n, s) for s in seeds for k in POWER_KINDS for n in POWER_NATS],
     }
     wanted = set(only) or set(sections)
     return [(name, *cell) for name, cells in sections.items() if name in wanted for cell in cells]
 
 
-def read_results(path: Path) -> dict[tuple[str, str, float, int], dict[str, Any]]:
+def read_results(path: Path) -> dict[Task, dict[str, Any]]:
     if not path.is_file():
         return {}
     lines = [json.loads(text) for text in path.read_text().splitlines() if text.strip()]
@@ -276,13 +411,14 @@ def main() -> None:
     # seed by seed over all sections, so that a study cut short has some of everything
     left = sorted((t for t in wanted if t not in done), key=lambda t: t[3])
     options.results.parent.mkdir(parents=True, exist_ok=True)
+    one = partial(run_one, folder=options.results.parent / "study_reconcile_models")
     stop = time.monotonic() + 60.0 * options.minutes
     with ProcessPoolExecutor(options.workers) as pool, options.results.open("a") as file:
         for start in range(0, len(left), 4 * options.workers):
             if time.monotonic() > stop:
                 break
             batch = left[start : start + 4 * options.workers]
-            for task, line in zip(batch, pool.map(run_one, batch), strict=True):
+            for task, line in zip(batch, pool.map(one, batch), strict=True):
                 done[task] = line
                 file.write(json.dumps(line) + "\n")
                 file.flush()

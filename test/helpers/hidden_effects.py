@@ -2,10 +2,16 @@
 
 numpy only; nothing of the suite is imported.  The forms differ from the catalogue's on purpose:
 lines wander in phase, ramps are curved, steps have edges, hits are uniform, resonances are driven
-by Laplacian noise, dwell times are gamma distributed.  Strengths are asked for in nats, the
-log-likelihood that a perfect fit is expected to gain, and turned into amplitudes by the formulas
-below (Gaussian noise of spectrum S, ordinates k/2T); slow courses also gain a third of that over
-the best random walk.
+by Laplacian noise, dwell times are gamma distributed.
+
+Strengths are asked for in nats: the log-likelihood that a perfect fit is expected to gain over
+none, and a third of it over the best other name, both before any noise is drawn.  *None* is a clean
+sensor that explains two recordings alike, the one here and the one of equal length from which its
+model came, in which nothing is hidden: what would lie inside that model's intervals is no gain.
+(``trust`` says how much longer that one is; ``KNOWN`` where the model is the sensor itself.)
+Another name adds one more effect to such a sensor, in this recording only.  All by Whittle's
+formula on ordinates k/2T, expectations in the place of powers (``Strength``); a line, a narrow
+band, a burst and a shared noise, which no clean sensor imitates, by closed forms.
 """
 
 from __future__ import annotations
@@ -19,6 +25,7 @@ IMU_CHANNELS = (
     *(f"linear_acceleration.{a}" for a in "xyz"),
 )
 CERTAIN = float("inf")
+KNOWN = 1e4
 
 
 @dataclass
@@ -41,23 +48,30 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Sensor:
-    """White noise and one exponentially correlated term, per channel."""
+    """White noise and one exponentially correlated term, per channel.
+
+    ``trust`` is the length of the recording from which its model comes over that of the one with
+    the effect: 1, or ``KNOWN`` where the model is the sensor's own.
+    """
 
     white: float
     slow_sigma: float
     slow_time_s: float
     level: float
+    trust: float = 1.0
 
 
-def sensors(seed: int, names: tuple[str, ...] = IMU_CHANNELS) -> dict[str, Sensor]:
-    """Six different channels of one made-up sensor."""
+def sensors(
+    seed: int, names: tuple[str, ...] = IMU_CHANNELS, trust: float = 1.0
+) -> dict[str, Sensor]:
+    """Different channels of one made-up sensor."""
     rng = np.random.default_rng([seed, 1])
     out = {}
     for name in names:
         white = (1e-4 if name.startswith("ang") else 1e-3) * rng.uniform(0.7, 1.5)
         time_s = rng.uniform(15.0, 60.0)
         slow = white * rng.uniform(1.0, 2.5) / np.sqrt(2.0 * time_s)
-        out[name] = Sensor(white, slow, time_s, rng.uniform(-0.01, 0.01))
+        out[name] = Sensor(white, slow, time_s, rng.uniform(-0.01, 0.01), trust)
     return out
 
 
@@ -118,28 +132,160 @@ def scaled_signal(shape: np.ndarray, sensor: Sensor, dt: float, nats: float) -> 
     return shape * float(np.sqrt(nats / gain_of_signal(shape, sensor, dt)))
 
 
-def scaled_course(shape: np.ndarray, sensor: Sensor, dt: float, nats: float) -> np.ndarray:
-    """A slow course of the wanted gain over nothing, and a third of it over the best walk."""
-    n = shape.size
-    centred = shape - shape.mean()
-    mirrored = np.concatenate((centred, centred[::-1]))
-    k = np.arange(1, min(n, 2000))
-    f = k / (2.0 * n * dt)
-    S = spectrum(sensor, f)
-    power = np.abs(np.fft.rfft(mirrored)[k]) ** 2 * dt / (2.0 * n) / S
-    walk_law = 1.0 / (2.0 * np.pi * f) ** 2 / S
-    scales = np.exp(np.linspace(-12.0, 12.0, 97)) / np.sqrt(walk_law[0])
-    ratio = 1.0 + np.outer(scales**2, walk_law)
+BINS = 500
+OTHERS = ("white_noise", "quantization", "rate_random_walk", "bias_instability", "gauss_markov")
+SAME_SLOW = {"rate_random_walk", "gauss_markov"}
 
-    def over_walk(amplitude: float) -> float:
-        seen = 1.0 + amplitude**2 * power
-        walk = -0.5 * np.sum(np.log(ratio) + seen / ratio, axis=1)
-        return float(-0.5 * k.size - walk.max())
 
-    alone = float(np.sqrt(nats / gain_of_signal(shape, sensor, dt)))
-    if over_walk(alone) >= nats / 3.0:
-        return shape * alone
-    return shape * amplitude_for(over_walk, nats / 3.0, alone, 1e6 * alone)
+def _other_law(name: str, f: np.ndarray, dt: float, time_s: float) -> np.ndarray:
+    if name == "white_noise":
+        return np.ones_like(f)
+    if name == "quantization":
+        return 4.0 * np.sin(np.pi * f * dt) ** 2
+    if name == "rate_random_walk":
+        return 1.0 / (2.0 * np.pi * f) ** 2
+    if name == "bias_instability":
+        return 1.0 / f
+    return 2.0 * time_s / (1.0 + (2.0 * np.pi * f * time_s) ** 2)
+
+
+class Strength:
+    """Expected gains on one sensor, on ``BINS`` log-spaced groups of ordinates."""
+
+    def __init__(self, sensor: Sensor, n: int, dt: float) -> None:
+        self.trust = sensor.trust
+        edges = np.unique(np.rint(np.geomspace(1, n, BINS + 1)).astype(int))
+        self.edges, self.n, self.dt, self.sensor = edges, n, dt, sensor
+        self.count = np.diff(edges).astype(float)
+        self.f = 0.5 * (edges[:-1] + edges[1:] - 1) / (2.0 * n * dt)
+        self.clean = spectrum(sensor, self.f)
+
+    def grouped(self, power: np.ndarray) -> np.ndarray:
+        """Means over the groups of a power at the ordinates 1 ... n - 1."""
+        return np.add.reduceat(power, self.edges[:-1] - 1) / self.count
+
+    def ordinates(self, signal: np.ndarray) -> np.ndarray:
+        """Cosine coefficients of a signal times sqrt(dt), 1 ... n - 1, sign kept."""
+        n = signal.size
+        turned = np.fft.rfft(np.concatenate((signal, signal[::-1])))[1:n]
+        turned = turned * np.exp(-0.5j * np.pi * np.arange(1, n) / n)
+        return turned.real * np.sqrt(self.dt / (2.0 * n))
+
+    def gain(self, extra: np.ndarray, noisy: bool, other: str = "") -> float:
+        """Nats over none, or over one other name, of an extra power per group.
+
+        ``noisy``: the extra is noise, and the truth has its spectrum; else a signal, and the
+        truth takes it away.
+        """
+        seen = self.clean + extra
+        truth = self.trust * (np.log(self.clean) + 1.0)
+        truth = truth + np.log(seen if noisy else self.clean) + 1.0
+        theta = np.log([self.sensor.white, self.sensor.slow_sigma, self.sensor.slow_time_s])
+        starts = [theta]
+        if other:
+            times = np.array([20.0, 500.0, 2e4]) * self.dt if other == "gauss_markov" else (1.0,)
+            starts = []
+            for time_s in times:
+                law = _other_law(other, self.f, self.dt, time_s)
+                amount = np.sum(self.count * extra * law / self.clean**2)
+                amount /= np.sum(self.count * (law / self.clean) ** 2)
+                more = [np.log(max(amount, 1e-300))]
+                more += [np.log(time_s)] if other == "gauss_markov" else []
+                starts.append(np.concatenate((theta, more)))
+        return min(self._loss(start, seen, other) for start in starts) - 0.5 * float(
+            np.sum(self.count * truth)
+        )
+
+    def _spectra(self, theta: np.ndarray, other: str) -> tuple[np.ndarray, np.ndarray]:
+        white, sigma, time_s = np.exp(np.clip(theta[:3], -60.0, 30.0))
+        first = spectrum(Sensor(white, sigma, time_s, 0.0), self.f)
+        if not other:
+            return first, first
+        shortest = np.log(5.0 * self.dt)
+        time_s = float(np.exp(np.clip(theta[4], shortest, 12.0))) if theta.size > 4 else 1.0
+        return first, first + np.exp(theta[3]) * _other_law(other, self.f, self.dt, time_s)
+
+    def _loss(self, theta: np.ndarray, seen: np.ndarray, other: str) -> float:
+        """Least expected misfit of both recordings, by damped scoring."""
+
+        def misfit(t: np.ndarray) -> tuple[float, tuple[np.ndarray, np.ndarray]]:
+            a, b = self._spectra(t, other)
+            terms = self.trust * (np.log(a) + self.clean / a) + np.log(b) + seen / b
+            return 0.5 * float(np.sum(self.count * terms)), (a, b)
+
+        value, (a, b) = misfit(theta)
+        damping = 1e-3
+        for _ in range(40):
+            moved = [self._spectra(theta + d, other) for d in 1e-4 * np.eye(theta.size)]
+            Ja = np.array([(m[0] / a - 1.0) / 1e-4 for m in moved])
+            Jb = np.array([(m[1] / b - 1.0) / 1e-4 for m in moved])
+            w = 0.5 * self.count
+            slope = Ja @ (self.trust * w * (self.clean / a - 1.0)) + Jb @ (w * (seen / b - 1.0))
+            J = (Ja * (self.trust * w)) @ Ja.T + (Jb * w) @ Jb.T
+            step = np.linalg.solve(J + np.diag(damping * np.diag(J) + 1e-9), slope)
+            step *= min(1.0, 1.5 / max(float(np.abs(step).max()), 1e-12))
+            trial, spectra = misfit(theta + step)
+            if trial < value:
+                done = value - trial < 1e-3
+                theta, value, (a, b) = theta + step, trial, spectra
+                damping = max(0.2 * damping, 1e-6)
+                if done:
+                    break
+            else:
+                damping *= 8.0
+                if damping > 1e4:
+                    break
+        return value
+
+    def noise(self, law: np.ndarray, nats: float, name: str) -> float:
+        """Power of a noise of spectrum ``law`` at the ordinates, to be clearly present."""
+        shape = self.grouped(law)
+        group = SAME_SLOW if name in SAME_SLOW and name != "gauss_markov" else {name}
+        if name == "random_telegraph":  # told from its Gaussian twin by its levels alone
+            group = {name, "gauss_markov"}
+        others = [o for o in OTHERS if o not in group]
+        return self._enough(lambda power: self._least(power * shape, True, others, nats))
+
+    def signal(self, shape: np.ndarray, nats: float, rivals: tuple[np.ndarray, ...] = ()) -> float:
+        """Amplitude of a signal, to be clearly present; ``rivals`` are other courses."""
+        courses = self.ordinates(shape - shape.mean())
+        weight = 1.0 / np.repeat(self.clean, self.count.astype(int))
+        rests = []
+        for rival in rivals:
+            r = self.ordinates(rival - rival.mean())
+            rests.append(courses - r * float(r @ (weight * courses)) / float(r @ (weight * r)))
+        whole = self.grouped(courses**2)
+        left = [self.grouped(rest**2) for rest in rests]
+
+        def least(power: float) -> float:
+            others = ("rate_random_walk", "bias_instability", "gauss_markov")
+            value = self._least(power * whole, False, others, nats)
+            for rest in left:
+                if value < 1.0:
+                    break
+                value = min(value, self.gain(power * rest, False) / (nats / 3.0))
+            return value
+
+        return float(np.sqrt(self._enough(least)))
+
+    def _least(self, extra: np.ndarray, noisy: bool, others, nats: float) -> float:
+        """Smallest of gain over none / nats and gain over each other name / (nats/3)."""
+        value = self.gain(extra, noisy) / nats
+        for other in others:
+            if value < 1.0:
+                break
+            value = min(value, self.gain(extra, noisy, other) / (nats / 3.0))
+        return value
+
+    def _enough(self, least) -> float:
+        """Smallest power at which ``least`` reaches 1, by bisection."""
+        low = high = float(np.median(self.clean)) * 1e-8
+        while least(high) < 1.0:
+            low, high = high, 10.0 * high
+        while high > 1.02 * low:
+            middle = float(np.sqrt(low * high))
+            low, high = (middle, high) if least(middle) < 1.0 else (low, middle)
+        return high
 
 
 def _ordinates(n: int, dt: float) -> np.ndarray:
@@ -176,17 +322,15 @@ def wander(x, sensor, dt, nats, rng):
     """Second exponentially correlated term, faster than the first."""
     n = x.size
     time_s = float(np.exp(rng.uniform(np.log(0.1), np.log(1.5)))) * (1.0 if dt < 0.05 else 10.0)
-    k = _ordinates(n, dt)
-    law = 2.0 * time_s / (1.0 + (2.0 * np.pi * k * time_s) ** 2)
-    a = amplitude_for(lambda s: gain_of_spectrum(s * s * law, sensor, k), nats, 1e-9, 1e3)
+    law = 2.0 * time_s / (1.0 + (2.0 * np.pi * _ordinates(n, dt) * time_s) ** 2)
+    a = np.sqrt(Strength(sensor, n, dt).noise(law, nats, "gauss_markov"))
     return x + recursion(n, dt, a, time_s, rng), nats
 
 
 def walk(x, sensor, dt, nats, rng):
     n = x.size
-    k = _ordinates(n, dt)
-    law = 1.0 / (2.0 * np.pi * k) ** 2
-    a = amplitude_for(lambda s: gain_of_spectrum(s * s * law, sensor, k), nats, 1e-12, 1e3)
+    law = 1.0 / (2.0 * np.pi * _ordinates(n, dt)) ** 2
+    a = np.sqrt(Strength(sensor, n, dt).noise(law, nats, "rate_random_walk"))
     steps = rng.standard_t(6.0, n) / np.sqrt(1.5) * a * np.sqrt(dt)
     return x + np.cumsum(steps), nats
 
@@ -197,31 +341,30 @@ def flicker(x, sensor, dt, nats, rng):
     f[0] = f[1]
     phases = np.exp(2j * np.pi * rng.random(f.size)) * rng.rayleigh(1.0, f.size)
     shape = np.fft.irfft(phases / f**0.51, 4 * n)[:n]
-    k = _ordinates(n, dt)
     # rayleigh squared has mean 2; two-sided density of irfft's output
-    law = 2.0 * dt / (4 * n) * k**-1.02
-    a = amplitude_for(lambda s: gain_of_spectrum(s * s * law, sensor, k), nats, 1e-12, 1e12)
+    law = 2.0 * dt / (4 * n) * _ordinates(n, dt) ** -1.02
+    a = np.sqrt(Strength(sensor, n, dt).noise(law, nats, "bias_instability"))
     return x + a * shape, nats
 
 
 def granular(x, sensor, dt, nats, rng):
     """Differences of uniform noise."""
-    k = _ordinates(x.size, dt)
-    law = 4.0 * np.sin(np.pi * k * dt) ** 2 * dt / 12.0
-    a = amplitude_for(lambda s: gain_of_spectrum(s * s * law, sensor, k), nats, 1e-12, 1e3)
+    law = 4.0 * np.sin(np.pi * _ordinates(x.size, dt) * dt) ** 2 * dt / 12.0
+    a = np.sqrt(Strength(sensor, x.size, dt).noise(law, nats, "quantization"))
     return x + a * np.diff(rng.random(x.size + 1)), nats
 
 
 def louder(x, sensor, dt, nats, rng):
-    k = _ordinates(x.size, dt)
-    ones = np.full(k.size, dt)
-    a = amplitude_for(lambda s: gain_of_spectrum(s * s * ones, sensor, k), nats, 1e-12, 1e3)
+    law = np.full(x.size - 1, dt)
+    a = np.sqrt(Strength(sensor, x.size, dt).noise(law, nats, "white_noise"))
     return x + a * rng.standard_normal(x.size), nats
 
 
 def ramp(x, sensor, dt, nats, rng):
     u = np.linspace(0.0, 1.0, x.size)
-    return x + scaled_course(rng.choice([-1, 1]) * (u + 0.2 * u**2), sensor, dt, nats), nats
+    shape = rng.choice([-1, 1]) * (u + 0.2 * u**2)
+    rivals = (_warming(x.size), np.sign(u - 0.5))
+    return x + Strength(sensor, x.size, dt).signal(shape, nats, rivals) * shape, nats
 
 
 def step(x, sensor, dt, nats, rng):
@@ -229,7 +372,13 @@ def step(x, sensor, dt, nats, rng):
     at = rng.uniform(0.2, 0.8) * t[-1]
     edge = 0.15 if dt < 0.05 else 1.0
     shape = rng.choice([-1, 1]) * np.tanh((t - at) / edge)
-    return x + scaled_course(shape, sensor, dt, nats), nats
+    rivals = (t, _warming(x.size))
+    return x + Strength(sensor, x.size, dt).signal(shape, nats, rivals) * shape, nats
+
+
+def _warming(n):
+    """Another course that a drift may be taken for."""
+    return 1.0 - np.exp(-np.linspace(0.0, 1.0, n) / 0.3)
 
 
 def burst(x, sensor, dt, nats, rng):
@@ -252,10 +401,18 @@ def popcorn(x, sensor, dt, nats, rng):
     dwell_s = rng.uniform(4.0, 15.0) * (1.0 if dt < 0.05 else 6.0)
     dwells = rng.gamma(1.5, dwell_s / 1.5, int(3 * n * dt / dwell_s) + 20)
     level = np.searchsorted(np.cumsum(dwells), np.arange(n) * dt) % 2
-    k = _ordinates(n, dt)
-    law = 0.25 * dwell_s / (1.0 + (np.pi * k * dwell_s) ** 2)
-    a = amplitude_for(lambda s: gain_of_spectrum(s * s * law, sensor, k), nats, 1e-9, 1e3)
-    return x + a * level, nats
+    law = 0.25 * dwell_s / (1.0 + (np.pi * _ordinates(n, dt) * dwell_s) ** 2)
+    strength = Strength(sensor, n, dt)
+    power = strength.noise(law, nats, "random_telegraph")
+    known = gain_of_signal(level - level.mean(), sensor, dt)
+    jumps = int(np.count_nonzero(np.diff(level)))
+    while True:  # the course is worth more than its Gaussian twin, every jump's place paid for
+        blur_s = min(2.0 * sensor.white**2 / power, dwell_s)
+        place = 1.0 + np.log(dwell_s / blur_s)
+        twin = strength.gain(power * strength.grouped(law), True)
+        if power * known - jumps * place - twin >= nats / 3.0:
+            return x + np.sqrt(power) * level, nats
+        power *= 1.1
 
 
 def hits(x, sensor, dt, nats, rng):
@@ -372,14 +529,16 @@ def recording(
     names: tuple[str, ...] = IMU_CHANNELS,
     sensor_seed: int | None = None,
     noise_seed: int | None = None,
+    trust: float = 1.0,
 ) -> Hidden:
     """One recording with one hidden effect, or with none (``kind`` "nothing").
 
     ``a+b`` hides two effects on two channels, ``a&b`` two on one.  The clean sensor depends on
-    ``sensor_seed``, its noise on ``noise_seed`` (``seed`` where not given), the effect on ``seed``.
+    ``sensor_seed``, its noise on ``noise_seed`` (``seed`` where not given), the effect on ``seed``,
+    how much is known of the sensor is ``trust``.
     """
     rng = np.random.default_rng([seed if noise_seed is None else noise_seed, 2])
-    made = sensors(seed if sensor_seed is None else sensor_seed, names)
+    made = sensors(seed if sensor_seed is None else sensor_seed, names, trust)
     n, dt = round(duration_s * rate_hz), 1.0 / rate_hz
     values = {name: clean(made[name], n, dt, rng) for name in names}
     out = Hidden(kind, np.rint(np.arange(n) * dt * 1e9).astype(np.int64), values, rate_hz)
@@ -415,7 +574,9 @@ def _hide(
         t = np.arange(out.values[name].size) * dt
         lagged = np.interp(t - 4.0, np.arange(out.temperature.size), out.temperature)
         shape = lagged - lagged.mean()
-        out.values[name] = out.values[name] + scaled_course(shape, made[name], dt, nats)
+        strength = Strength(made[name], t.size, dt)
+        rivals = (t, np.sign(t - 0.1 * t[-1]), np.sign(t - 0.5 * t[-1]))
+        out.values[name] = out.values[name] + shape * strength.signal(shape, nats, rivals)
         out.truth[name], out.gain = (*out.truth.get(name, ()), "temperature"), nats
     elif kind == "cross_axis":
         other = str(rng.choice([n for n in names if n != name]))
@@ -457,3 +618,67 @@ def _transport(out: Hidden, kind: str, rng: np.random.Generator) -> None:
         out.values = {k: v[keep] for k, v in out.values.items()}
     out.truth = dict.fromkeys(out.values, (kind,))
     out.gain = CERTAIN
+
+
+# --- the catalogue's own forms, for the coverage of intervals ----------------------------------
+
+
+def _own_shapes(kind, sensor, n, dt, nats, rng):
+    """(what is added, true values) of one effect exactly as the catalogue has it."""
+    t, k = np.arange(n) * dt, _ordinates(n, dt)
+    strength = Strength(sensor, n, dt)
+    if kind == "white_noise":
+        p = strength.noise(np.ones(n - 1), nats, kind)
+        total = float(np.sqrt(sensor.white**2 + p))
+        return np.sqrt(p / dt) * rng.standard_normal(n), {"density": total}
+    if kind == "quantization":
+        Q = np.sqrt(strength.noise(4.0 * np.sin(np.pi * k * dt) ** 2 / dt, nats, kind))
+        return np.diff(rng.standard_normal(n + 1)) * Q / dt, {"coefficient": Q}
+    if kind == "gauss_markov":
+        T = float(rng.uniform(0.2, 1.5))
+        law = 2.0 * T / (1.0 + (2.0 * np.pi * k * T) ** 2)
+        s = np.sqrt(strength.noise(law, nats, kind))
+        return recursion(n, dt, s, T, rng), {"sigma": s, "correlation_time_s": T}
+    if kind == "rate_random_walk":
+        K = np.sqrt(strength.noise(1.0 / (2.0 * np.pi * k) ** 2, nats, kind))
+        return np.cumsum(rng.standard_normal(n)) * K * np.sqrt(dt), {"coefficient": K}
+    if kind == "periodic":
+        f0 = float(rng.uniform(5.0, 0.45 / dt))
+        shape = np.sin(2.0 * np.pi * f0 * t + rng.uniform(0.0, 6.0))
+        a = float(np.sqrt(nats / gain_of_signal(shape, sensor, dt)))
+        return a * shape, {"frequency_hz": f0, "amplitude": a}
+    if kind == "rate_ramp":
+        a = strength.signal(t, nats, (_warming(n),))
+        return a * t, {"slope": a}
+    if kind == "bias_step":
+        at = float(rng.uniform(0.2, 0.8)) * t[-1]
+        shape = (t >= at).astype(float)
+        a = strength.signal(shape, nats, (t,))
+        return a * shape, {"time_s": at, "height": a}
+    m = int(rng.uniform(0.05, 0.2) * n)
+    first = int(rng.uniform(0.05, 0.9 - m / n) * n)
+    extra = amplitude_for(lambda a: 0.5 * m * (a - np.log1p(a)), nats, 1e-6, 1e3)
+    out = np.zeros(n)
+    out[first : first + m] = np.sqrt(extra) * sensor.white / np.sqrt(dt) * rng.standard_normal(m)
+    return out, {"from_s": first * dt, "to_s": (first + m) * dt, "ratio": 1.0 + extra}
+
+
+OWN_FORMS = (
+    *("white_noise", "quantization", "gauss_markov", "rate_random_walk", "periodic", "rate_ramp"),
+    *("bias_step", "variance_change"),
+)
+
+
+def own_form(
+    kind: str, nats: float, seed: int, name: str, duration_s: float = 600.0, rate_hz: float = 200.0
+) -> tuple[Hidden, dict[str, float]]:
+    """One channel of a known sensor with one effect of the catalogue's form, and its values."""
+    sensor = sensors(seed, (name,), KNOWN)[name]
+    rng = np.random.default_rng([seed, 4])
+    n, dt = round(duration_s * rate_hz), 1.0 / rate_hz
+    extra, truth = _own_shapes(kind, sensor, n, dt, nats, rng)
+    stamp_ns = np.rint(np.arange(n) * dt * 1e9).astype(np.int64)
+    out = Hidden(kind, stamp_ns, {name: clean(sensor, n, dt, rng) + extra}, rate_hz)
+    _warm(out, duration_s, rng)
+    out.truth[name], out.gain = (kind,), nats
+    return out, truth

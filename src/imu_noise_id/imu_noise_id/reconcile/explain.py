@@ -19,13 +19,13 @@ from imu_noise_id.effects.rate_ramp import RateRamp
 from imu_noise_id.effects.temperature import Temperature
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
 from imu_noise_id.effects.white_noise import WhiteNoise
-from imu_noise_id.ordinates import Residual
 from imu_noise_id.reconcile.battery import BURST_BLOCKS
-from imu_noise_id.reconcile.compare import step_scores
+from imu_noise_id.reconcile.compare import residual_of
 from imu_noise_id.reconcile.lines import steadied
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, SLOW, without
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
 from imu_noise_id.reconcile.state import Analysis, Column, State, analyse, course_column
+from imu_noise_id.reconcile.steps import best_step
 from imu_noise_id.recording import Floats
 from imu_noise_id.selection import RESPONSES, SOURCES
 
@@ -97,11 +97,6 @@ def _preference(candidate: Candidate) -> float:
     All kinds alike, or the bonus would choose among them.
     """
     return PREFERENCE if candidate.action == ADD and candidate.effect.name in DRIFTS else 0.0
-
-
-def residual_of(found: Analysis) -> Residual:
-    """What a fit leaves, for the effects' own starting values."""
-    return Residual(found.ordinates, found.fit.spectrum.psd, found.fit.spectrum.tangent)
 
 
 def _candidate(
@@ -207,12 +202,10 @@ def _lines(state: State, found: Analysis) -> list[Candidate]:
 def _courses(state: State, found: Analysis) -> list[Candidate]:
     out = []
     if _count(state, "bias_step") < MOST_PER_CHANNEL["bias_step"]:
-        z, _, _ = step_scores(state, found)
-        edge = max(16, z.size // 200)
-        at = edge + int(np.argmax(np.abs(z[edge : z.size - edge])))
-        time_s = state.start_s + (at + 1) * state.sample_time_s
-        if not _known_step(state, time_s):
-            out.append(_course(state, found, BiasStep(time_s, 1.0), "height", 2))
+        best = best_step(state, found)
+        if not _known_step(state, best.time_s):
+            step, price = BiasStep(best.time_s, best.height), 2.0 * PRICE_PER_PARAMETER
+            out.append(Candidate(ADD, step, best.gain, price, best.state, best.found))
     if not _count(state, "rate_ramp"):
         out.append(_course(state, found, RateRamp(1.0), "slope", 1))
     T = state.temperature

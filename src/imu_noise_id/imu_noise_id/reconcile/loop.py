@@ -51,7 +51,7 @@ def reconcile_recording(
     recording : Recording
     model : NoiseModel
         Its parameters float within their intervals; a value without one (typed by hand) is taken as
-        known to 1 %.
+        known to 0.2 %.
     seed : int
         Of the draws that stand in for missing or clipped samples.
     workers : int
@@ -158,7 +158,7 @@ def explain(work: Work, log_level: float) -> Work:
     statistic and the gap on unseen data each: what is in no catalogue collects names that close
     no gap.
     """
-    trail: list[tuple[Work, Findings]] = [(work, work.findings())]
+    trail: list[tuple[Work, Findings]] = [(work, work.findings)]
     while len(trail) <= MOST_STEPS:
         current, findings = trail[-1]
         if findings.log_p > log_level:
@@ -171,7 +171,7 @@ def explain(work: Work, log_level: float) -> Work:
         if best.effect.name == "random_telegraph":
             after = replace(after, skip=after.skip | {"levels"})
         after = replace(after, drafts=current.drafts)
-        trail.append((_noted(current, after, best, findings.worst, rival), after.findings()))
+        trail.append((_noted(current, after, best, findings.worst, rival), after.findings))
     return _halved(trail, log_level)
 
 

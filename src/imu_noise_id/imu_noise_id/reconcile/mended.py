@@ -38,7 +38,7 @@ TEMPERATURE_POINTS = 500
 
 def channel_result(work: Work, log_level: float) -> ChannelReconciliation:
     """Verdict, gaps and steps of one channel."""
-    findings = work.findings()
+    findings = work.findings
     remaining = findings.significant(log_level)
     unmet = findings.log_p < log_level
     verdict = UNEXPLAINED if unmet else EXPLAINED if work.drafts else AGREES

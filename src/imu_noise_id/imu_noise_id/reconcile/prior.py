@@ -8,11 +8,13 @@ d the distance along an eigenvector of the covariance: d^2/(2 s^2) where the par
 known, |d|/(2 s^2) beyond, as the chi-square law of an estimated power has it.  A slow term whose
 level is known to a factor of two is not held by a parabola that it never had.
 
-An identified model also has drifts that its recording was too short to show.  Their room is a walk
-whose cost is what it would have lost on a record of that length at the model's own level,
-x the walk's spectrum over the model's:
+An identified model also has drifts that its recording was too short to show.  Their room is a
+Gauss-Markov term whose cost is that of having been passed over there: identification keeps a term
+that gains G nats or more, and a term of spectrum x_k, over the model's own at the ordinates of that
+recording, gains 1/2 sum_k (x_k z_k^2 - log(1 + x_k)), z_k normal.  Chernoff's bound of the chance
+of less than G is
 
-    pi(K) = 1/2 sum_k (log(1 + x_k) - x_k/(1 + x_k)).
+    pi(x) = max_t [1/2 sum_k log(1 + 2 t x_k) - t (2 G + sum_k log(1 + x_k))],  0 <= t <= 1/2.
 """
 
 from __future__ import annotations
@@ -23,10 +25,11 @@ from typing import ClassVar
 import numpy as np
 
 from imu_noise_id.effects.base import Effect, ResponseEffect, StochasticEffect
-from imu_noise_id.effects.rate_random_walk import RateRandomWalk
+from imu_noise_id.effects.gauss_markov import GaussMarkov
 from imu_noise_id.model import ChannelModel
 from imu_noise_id.ordinates import Ordinates
 from imu_noise_id.recording import Floats
+from imu_noise_id.selection import PRICE
 from imu_noise_id.whittle import (
     Spectrum,
     information,
@@ -36,45 +39,83 @@ from imu_noise_id.whittle import (
     with_parameters,
 )
 
-TYPED_STD_ERROR = 0.01
-"""Relative standard error of a value that comes without one (typed by hand): two digits' worth."""
+TYPED_STD_ERROR = 0.002
+"""Relative standard error of a value that comes without one: what is typed is meant, to as much as
+ten minutes at 200 Hz tell of a white level."""
 WIDEST_STD_ERROR = 3.0
 ITERATIONS = 40
+PROMISE = 1e-3
+"""Nats left to gain at which a fit stops."""
 
-
-DRIFT_ORDINATES = 64
+DRIFT_ORDINATES = 128
+SHORTEST_DRIFT = 1.0 / 64.0
+"""Correlation time of an unseen drift over the record: faster ones reach beyond the ordinates."""
 FREE_STD_ERROR = 1e3
 SLOW = ("rate_random_walk", "gauss_markov", "bias_instability")
+PASSED_OVER = 0.5 * PRICE["rate_random_walk"]
+"""Nats below which identification leaves a slow term out."""
+TILTS = np.concatenate(([0.0], 0.5 * np.geomspace(1e-3, 1.0, 24)))
 
 
 @dataclass(frozen=True)
-class UnseenDrift(RateRandomWalk):
-    """A walk within what an identified model leaves open; never part of an answer."""
+class UnseenDrift(GaussMarkov):
+    """A slow term within what an identified model leaves open; never part of an answer."""
 
     name: ClassVar[str] = "unseen_drift"
+
+    def limits(self, sample_time_s: float, duration_s: float) -> tuple[tuple[float, float], ...]:
+        """Correlation times from a 64th of the record."""
+        sigma, (_, longest) = super().limits(sample_time_s, duration_s)
+        return sigma, (min(SHORTEST_DRIFT * duration_s, longest), longest)
 
 
 @dataclass(frozen=True)
 class DriftPrior:
-    """Room for a walk that the model's recording was too short to show.
+    """Room for a slow term that the model's recording was too short to show.
 
     Attributes
     ----------
-    relative : (m,) float64
-        Spectrum of a walk of coefficient 1 over the model's, at that recording's low ordinates.
+    frequency_hz : (m,) float64
+        Low ordinates of that recording.
+    inverse : (m,) float64
+        1/S of the model there.
+    sample_time_s : float
     """
 
-    relative: Floats
+    frequency_hz: Floats
+    inverse: Floats
+    sample_time_s: float
 
-    def cost(self, log_coefficient: float) -> float:
-        """Nats."""
-        x = np.exp(2.0 * log_coefficient) * self.relative
-        return float(0.5 * np.sum(np.log1p(x) - x / (1.0 + x)))
+    @property
+    def start(self) -> tuple[float, float]:
+        """Logarithms of a term that shows in no ordinate."""
+        time_s = 0.1 / float(self.frequency_hz[0])
+        peak = UnseenDrift(1.0, time_s).psd(self.frequency_hz[:1], self.sample_time_s)
+        return float(0.5 * np.log(0.1 / (peak * self.inverse[:1])[0])), float(np.log(time_s))
 
-    def slope(self, log_coefficient: float) -> float:
-        """Derivative by the log coefficient; twice it majorises the curvature."""
-        x = np.exp(2.0 * log_coefficient) * self.relative
-        return float(np.sum((x / (1.0 + x)) ** 2))
+    def cost(self, theta: Floats) -> float:
+        """Nats of the drift of these log parameters, (2,)."""
+        x = self._drift(theta).psd(self.frequency_hz, self.sample_time_s) * self.inverse
+        return self._tilted(x)[1]
+
+    def slope(self, theta: Floats) -> Floats:
+        """Derivative by the log parameters, (2,)."""
+        drift = self._drift(theta)
+        x = drift.psd(self.frequency_hz, self.sample_time_s) * self.inverse
+        t, _ = self._tilted(x)
+        by_x = t * (1.0 / (1.0 + 2.0 * t * x) - 1.0 / (1.0 + x))
+        gradient = drift.psd_gradient(self.frequency_hz, self.sample_time_s) * self.inverse
+        return np.asarray(gradient @ by_x)
+
+    def _drift(self, theta: Floats) -> UnseenDrift:
+        return UnseenDrift(*np.exp(theta).tolist())
+
+    def _tilted(self, x: Floats) -> tuple[float, float]:
+        """The best t and the bound there."""
+        passed = 2.0 * PASSED_OVER + float(np.log1p(x).sum())
+        bound = 0.5 * np.log1p(2.0 * np.outer(TILTS, x)).sum(axis=1) - TILTS * passed
+        best = int(np.argmax(bound))
+        return float(TILTS[best]), float(bound[best])
 
 
 @dataclass(frozen=True)
@@ -90,7 +131,7 @@ class Prior:
     std_error : (q,) float64
         Along the eigenvectors; ``FREE_STD_ERROR`` where the prior is dropped.
     drift : DriftPrior or None
-        Of the parameter after those, an :class:`UnseenDrift`.
+        Of the two parameters after those, an :class:`UnseenDrift`.
     """
 
     centre: Floats
@@ -103,7 +144,7 @@ class Prior:
         q = self.centre.size
         d = self.axes.T @ (theta[:q] - self.centre)
         cost = float(np.sum((np.sqrt(1.0 + 4.0 * d**2) - 1.0) / (4.0 * self.std_error**2)))
-        return cost + (self.drift.cost(float(theta[q])) if self.drift else 0.0)
+        return cost + (self.drift.cost(theta[q : q + 2]) if self.drift else 0.0)
 
     def slope_and_curvature(self, theta: Floats) -> tuple[Floats, Floats]:
         """Gradient (p,) of the cost and a curvature (p, p) that majorises it."""
@@ -115,8 +156,8 @@ class Prior:
         slope[:q] = self.axes @ (weight * d)
         curvature[:q, :q] = (self.axes * weight) @ self.axes.T
         if self.drift:
-            slope[q] = self.drift.slope(float(theta[q]))
-            curvature[q, q] = 2.0 * slope[q]
+            slope[q : q + 2] = self.drift.slope(theta[q : q + 2])
+            curvature[[q, q + 1], [q, q + 1]] = 2.0 * np.abs(slope[q : q + 2])
         return slope, curvature
 
 
@@ -154,19 +195,25 @@ def prior_of(model: ChannelModel, floor_std_error: float = 0.0) -> Prior:
     Parameters
     ----------
     model : ChannelModel
-        Values without covariance or interval are taken as known to ``TYPED_STD_ERROR``.
+        Without a covariance its standard errors hold, without one a value is taken as known to
+        ``TYPED_STD_ERROR``.
     floor_std_error : float
         Uncertainty to add to every parameter.
     """
     numeric: list[tuple[bool, bool]] = []  # (estimated at all, wanted here) of each number
+    errors: list[float] = []  # of the wanted ones
     for fitted in model.effects:
         wanted = fitted.effect.free() if spectral((fitted.effect,)) else ()
         for parameter, estimate in zip(fitted.effect.parameters, fitted.estimates, strict=True):
-            if not isinstance(estimate.value, str):
-                numeric.append((parameter.name in fitted.effect.free(), parameter.name in wanted))
+            if isinstance(estimate.value, str):
+                continue
+            numeric.append((parameter.name in fitted.effect.free(), parameter.name in wanted))
+            if parameter.name in wanted:
+                said = (estimate.std_error or 0.0) / float(estimate.value or 1.0)
+                errors.append(max(said, TYPED_STD_ERROR))
     effects = spectral(tuple(f.effect for f in model.effects))
     centre = parameter_vector(effects) if effects else np.zeros(0)
-    covariance = np.eye(centre.size) * TYPED_STD_ERROR**2
+    covariance = np.diag(np.array(errors) ** 2)
     given = model.log_covariance
     if given is not None:
         if given.shape[0] != len(numeric):  # rows of what is estimated only
@@ -200,9 +247,18 @@ def unseen_drift(
         # DCT-II of a ramp R t: odd ordinates of 8 R^2 T^3/(pi k)^4, the even ones alike here
         slope = float(ramp.estimates[0].value or 0.0)
         psd = psd + 8.0 * slope**2 * duration_s**3 / (np.pi * 2.0 * duration_s * f) ** 4
-    drift = DriftPrior(1.0 / ((2.0 * np.pi * f) ** 2 * psd))
-    start = 0.3 / float(np.sqrt(drift.relative[0]))
-    return UnseenDrift(start), drift
+    drift = DriftPrior(f, 1.0 / psd, sample_time_s)
+    return UnseenDrift(*np.exp(drift.start).tolist()), drift
+
+
+def given_effects(effects: tuple[Effect, ...], prior: Prior) -> tuple[Effect, ...]:
+    """Effects of a fit with the prior's own back at what the given model says."""
+    theta = parameter_vector(effects) if effects else np.zeros(0)
+    q = prior.centre.size
+    theta[:q] = prior.centre
+    if prior.drift is not None:
+        theta[q : q + 2] = prior.drift.start
+    return with_parameters(effects, theta)
 
 
 def without(prior: Prior, dropped: list[int]) -> Prior:
@@ -245,7 +301,7 @@ def map_fit(
     damping = 1e-4
     for _ in range(ITERATIONS):
         step, promised = _step(spectrum, ordinates, theta, prior, (lower, upper), damping)
-        if promised < 1e-4:
+        if promised < PROMISE:
             break
         trial = np.clip(theta + step, lower, upper)
         if not np.isfinite(trial).all():

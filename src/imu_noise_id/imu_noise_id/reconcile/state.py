@@ -14,7 +14,9 @@ from imu_noise_id.reconcile.prior import MapFit, Prior, map_fit
 from imu_noise_id.recording import Floats
 from imu_noise_id.whittle import spectrum_of
 
-COURSE_ROUNDS = 2
+COURSE_ROUNDS = 3
+SETTLED = 0.02
+"""Standard errors by which courses may still move."""
 
 
 @dataclass(frozen=True)
@@ -107,21 +109,28 @@ class Analysis:
 
 
 def analyse(state: State) -> Analysis:
-    """Fit a state's effects within their prior and its columns, and whiten what is left."""
+    """Fit a state's effects within their prior and its columns, and whiten what is left.
+
+    The columns are sized first, under the spectrum of the state's effects as they are: a walk that
+    is fitted first grows to hold a step, and the two alternate for long.
+    """
     C = _dct(state.values - state.values[0])
     X = np.array([_dct(c.shape) for c in state.columns]).reshape(-1, C.size)
-    sizes = np.array([c.size for c in state.columns])
-    errors = np.zeros(sizes.size)
-    effects = state.effects
-    rounds = 1 + (COURSE_ROUNDS if state.columns else 0)
-    for turn in range(rounds):
-        rest = C - sizes @ X if sizes.size else C
+    sizes, errors = np.zeros(0), np.zeros(0)
+    effects, rest = state.effects, C
+    for _ in range(COURSE_ROUNDS if state.columns else 1):
+        if state.columns:
+            inverse = inverse_psd(effects, C.size, state.sample_time_s, state.floor)
+            before = sizes
+            sizes, errors = _generalised_least_squares(state, C, X, inverse)
+            if before.size and np.all(np.abs(sizes - before) < SETTLED * errors):
+                break
+            rest = C - sizes @ X
         bins = ordinates(rest, state.sample_time_s)
         fitted = map_fit(effects, bins, state.prior, state.floor)
         effects = fitted.effects
-        inverse = inverse_psd(fitted.effects, C.size, state.sample_time_s, state.floor)
-        if turn < rounds - 1:
-            sizes, errors = _generalised_least_squares(state, C, X, inverse)
+    else:
+        inverse = inverse_psd(effects, C.size, state.sample_time_s, state.floor)
     cost = sum(
         0.5 * ((size - c.size) / c.std_error) ** 2
         for size, c in zip(sizes, state.columns, strict=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -101,8 +102,9 @@ class Work:
         """Whether a step is local in time, so that the held-out part is the odd samples."""
         return any(d.effect.name in LOCAL for d in self.drafts)
 
+    @cached_property
     def findings(self) -> Findings:
-        """The battery as things stand."""
+        """The battery as things stand, run once."""
         examined = examine(self.state, self.found, self.null, self.skip)
         both = (*examined.all, *self.unmet, *self.lasting)
         return Findings(tuple(sorted(both, key=lambda f: f.log_p)))

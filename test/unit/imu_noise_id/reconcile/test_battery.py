@@ -10,11 +10,12 @@ from imu_noise_id.effects.gauss_markov import GaussMarkov
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.ordinates import Ordinates
 from imu_noise_id.reconcile.battery import NAMES, battery, white_record
-from imu_noise_id.reconcile.compare import combined, step_scores
+from imu_noise_id.reconcile.compare import combined
 from imu_noise_id.reconcile.gap import deviates_of_power, held_out_score, whole_score
 from imu_noise_id.reconcile.null import Null, load_null, log_p_of, simulate_null, z_of
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, Prior, map_fit, without
 from imu_noise_id.reconcile.state import State, analyse
+from imu_noise_id.reconcile.steps import step_scores
 from scipy import stats
 
 N, DT = 6000, 0.01
@@ -102,7 +103,7 @@ def test_white_records_pass_and_a_line_a_burst_and_hits_do_not(null: Null) -> No
 def test_step_scores_are_those_of_least_squares() -> None:
     state = state_of(5)
     found = analyse(state)
-    z, power, _ = step_scores(state, found)
+    z, power, _ = step_scores(found.coefficients, found.inverse_psd, DT)
     from scipy import fft
 
     for t in (1, 777, 3000, N - 2):
