@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -31,6 +32,10 @@ LEAST_FOR_CCA = 200
 COURSE_POINTS = 2000
 HANDLED = 0.2
 """Share of moving samples from which a recording is one of handling, with a rest in it."""
+
+
+def _say_nothing(name: str) -> None:
+    """Who asks for no progress gets none."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +93,9 @@ class Identification:
         raise KeyError(name)
 
 
-def identify_recording(recording: Recording, workers: int = 2) -> Identification:
+def identify_recording(
+    recording: Recording, workers: int = 2, done: Callable[[str], None] = _say_nothing
+) -> Identification:
     """Identify every channel of a recording.
 
     Parameters
@@ -96,6 +103,8 @@ def identify_recording(recording: Recording, workers: int = 2) -> Identification
     recording : Recording
     workers : int
         Threads over channels; the result does not depend on their number.
+    done : callable
+        Told the name of each channel that is through, by any of the threads.
 
     Returns
     -------
@@ -112,7 +121,9 @@ def identify_recording(recording: Recording, workers: int = 2) -> Identification
 
     def work(channel: Channel) -> tuple[ChannelResult, NDArray[np.float32]]:
         group = groups[channel.topic]
-        return _identify_channel(channel, group, transports[channel.topic], recording)
+        found = _identify_channel(channel, group, transports[channel.topic], recording)
+        done(channel.name)
+        return found
 
     with ThreadPoolExecutor(max(workers, 1)) as pool:
         found = list(pool.map(work, channels))

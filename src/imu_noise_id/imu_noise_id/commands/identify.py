@@ -145,13 +145,14 @@ def work(options: argparse.Namespace) -> int:
 
 
 def _work_one(job: Job, options: argparse.Namespace) -> int:
-    from imu_noise_id.commands.outputs import identify_bag, write_identification
+    from imu_noise_id.commands.outputs import read_job, write_identification
+    from imu_noise_id.identify import identify_recording
     from imu_noise_id.results_file import identification_tree, json_text
 
-    with progress(3, f"reading {job.name}") as advance:
-        advance("identifying")
-        identification = identify_bag(job, workers=2)
-        advance("writing the report")
+    with progress(1, f"reading {job.name}"):
+        recording = read_job(job)
+    with progress(len(recording.channels) + 1, "identifying") as advance:
+        identification = identify_recording(recording, workers=2, done=advance)
         if options.output is not None:
             write_identification(identification, job.output)
     if options.json:

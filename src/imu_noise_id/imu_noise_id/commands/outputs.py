@@ -16,6 +16,7 @@ from imu_noise_id.results_file import Unit
 
 if TYPE_CHECKING:
     from imu_noise_id.identify import Identification
+    from imu_noise_id.recording import Recording
     from imu_noise_id.topics import TopicNames
 
 
@@ -30,8 +31,8 @@ class Job:
     last_s: float | None
 
 
-def identify_bag(job: Job, workers: int) -> Identification:
-    """Read and identify a recording.
+def read_job(job: Job) -> Recording:
+    """Read the recording of a job.
 
     Raises
     ------
@@ -39,10 +40,8 @@ def identify_bag(job: Job, workers: int) -> Identification:
         When nothing in it can be used.
     """
     from imu_noise_id.bags import read_recording
-    from imu_noise_id.identify import identify_recording
 
-    recording = read_recording(job.bag, job.topics, job.last_s)
-    return identify_recording(recording, workers)
+    return read_recording(job.bag, job.topics, job.last_s)
 
 
 def write_identification(identification: Identification, folder: Path | str) -> None:
@@ -66,8 +65,10 @@ def write_identification(identification: Identification, folder: Path | str) -> 
 
 def identify_unit(job: Job) -> Unit:
     """Identify one recording of a fleet and write its folder; what is wrong is in the result."""
+    from imu_noise_id.identify import identify_recording
+
     try:
-        identification = identify_bag(job, workers=1)
+        identification = identify_recording(read_job(job), workers=1)
         write_identification(identification, job.output)
     except InputError as error:
         return Unit(job.name, job.bag, None, str(error))

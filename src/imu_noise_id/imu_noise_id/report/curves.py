@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from imu_noise_id.effects.base import Effect, ResponseEffect, StochasticEffect
+from imu_noise_id.curves import model_allan_variance, model_psd
+from imu_noise_id.effects.base import CourseEffect, Effect, StochasticEffect
 from imu_noise_id.effects.outliers import Outliers
 from imu_noise_id.effects.output_rounding import OutputRounding
-from imu_noise_id.effects.rate_ramp import RateRamp
+from imu_noise_id.model import ChannelModel
 from imu_noise_id.recording import Floats
 from imu_noise_id.series import Series
+
+SOURCES = (StochasticEffect, CourseEffect, Outliers, OutputRounding)
+"""Effects that add to the signal, and so have a share of a curve."""
 
 
 @dataclass(frozen=True)
@@ -60,43 +64,41 @@ class Part:
     values: Floats
 
 
-def psd_parts(effects: tuple[Effect, ...], frequency_hz: Floats, dt: float) -> list[Part]:
+def psd_parts(model: ChannelModel, frequency_hz: Floats, dt: float) -> list[Part]:
     """Spectrum of each source behind the sensor's bandwidth."""
-    response = np.ones_like(frequency_hz)
-    for effect in effects:
-        if isinstance(effect, ResponseEffect):
-            response = response * effect.power_response(frequency_hz, dt)
     return [
-        Part(label, effect.psd(frequency_hz, dt) * response)
-        for label, effect in labelled(effects)
-        if isinstance(effect, StochasticEffect) and effect.name != "periodic"
+        Part(label, model_psd(alone, frequency_hz, dt))
+        for label, source, alone in _alone(model)
+        if isinstance(source, StochasticEffect) and source.name != "periodic"
     ]
 
 
-def labelled(effects: tuple[Effect, ...]) -> list[tuple[str, Effect]]:
-    """Names that tell effects of one kind apart: ``gauss_markov``, ``gauss_markov 2``."""
-    counts: dict[str, int] = {}
-    named = []
-    for effect in effects:
-        counts[effect.name] = counts.get(effect.name, 0) + 1
-        number = counts[effect.name]
-        named.append((effect.name if number == 1 else f"{effect.name} {number}", effect))
-    return named
-
-
-def allan_parts(effects: tuple[Effect, ...], tau_s: Floats, dt: float) -> list[Part]:
-    """Allan deviation that each effect alone would show."""
+def allan_parts(
+    model: ChannelModel,
+    tau_s: Floats,
+    dt: float,
+    temperature: Floats | None = None,
+    span_s: tuple[float, float] | None = None,
+) -> list[Part]:
+    """Allan deviation that each effect alone would show, arguments as `model_allan_variance`."""
     parts = []
-    for label, effect in labelled(effects):
-        if isinstance(effect, StochasticEffect):
-            variance = effect.allan_variance(tau_s, dt)
-        elif isinstance(effect, RateRamp):
-            variance = 0.5 * (effect.slope * tau_s) ** 2
-        elif isinstance(effect, OutputRounding):
-            variance = effect.added_psd(dt) / tau_s
-        elif isinstance(effect, Outliers):
-            variance = effect.rate * effect.scale**2 * dt / tau_s
+    for label, source, alone in _alone(model):
+        if isinstance(source, OutputRounding):
+            variance = source.added_psd(dt) / tau_s
         else:
-            continue
-        parts.append(Part(label, np.sqrt(np.maximum(variance, 0.0))))
+            variance = model_allan_variance(alone, tau_s, dt, temperature, span_s)
+        parts.append(Part(label, np.sqrt(variance)))
     return parts
+
+
+def _alone(model: ChannelModel) -> list[tuple[str, Effect, ChannelModel]]:
+    """Each source's label, and the model with this source only; names that come twice counted."""
+    sources = [f for f in model.effects if isinstance(f.effect, SOURCES)]
+    others = tuple(f for f in model.effects if not isinstance(f.effect, SOURCES))
+    names = [f.name for f in sources]
+    alone = []
+    for k, fitted in enumerate(sources):
+        number = names[: k + 1].count(fitted.name)
+        label = fitted.name if number == 1 else f"{fitted.name} {number}"
+        alone.append((label, fitted.effect, replace(model, effects=(fitted, *others))))
+    return alone

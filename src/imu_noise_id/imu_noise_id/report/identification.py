@@ -122,15 +122,22 @@ def inside(result: ChannelResult, recording: Recording) -> float | None:
 def _predicted(result: ChannelResult, recording: Recording) -> Floats:
     """Allan variance that the model predicts at the measured averaging times."""
     assert result.allan is not None
-    warmth = None
-    if result.model.find("temperature") is not None and recording.temperature is not None:
-        course = recording.temperature
-        time_s = np.linspace(*result.series.span_s, TEMPERATURE_POINTS)
-        warmth = np.interp(time_s, (course.stamp_ns - recording.start_ns) * 1e-9, course.values)
-    series = result.series
     return model_allan_variance(
-        result.model, result.allan.tau_s, series.sample_time_s, warmth, series.span_s
+        result.model,
+        result.allan.tau_s,
+        result.series.sample_time_s,
+        _warmth(result, recording),
+        result.series.span_s,
     )
+
+
+def _warmth(result: ChannelResult, recording: Recording) -> Floats | None:
+    """Temperature at uniform times over the channel, where its model depends on it."""
+    course = recording.temperature
+    if result.model.find("temperature") is None or course is None:
+        return None
+    time_s = np.linspace(*result.series.span_s, TEMPERATURE_POINTS)
+    return np.interp(time_s, (course.stamp_ns - recording.start_ns) * 1e-9, course.values)
 
 
 def _facts(identification: Identification) -> tuple[tuple[str, str], ...]:
@@ -273,15 +280,15 @@ def _allan(result: ChannelResult, recording: Recording) -> Figure | None:
     curve = result.allan
     if curve is None or curve.tau_s.size == 0 or not np.all(curve.lower > 0.0):
         return None
-    effects = tuple(fitted.effect for fitted in result.model.effects)
     dt = result.series.sample_time_s
-    models = [Part("model", np.sqrt(_predicted(result, recording)))] if effects else []
+    has_effects = bool(result.model.effects)
+    models = [Part("model", np.sqrt(_predicted(result, recording)))] if has_effects else []
+    warmth = _warmth(result, recording)
+    parts = allan_parts(result.model, curve.tau_s, dt, warmth, result.series.span_s)
     canonical = cca_allan(result)
     if canonical is not None:
         models.append(canonical)
-    plot = figures.allan_figure(
-        curve, result.channel.unit, allan_parts(effects, curve.tau_s, dt), models
-    )
+    plot = figures.allan_figure(curve, result.channel.unit, parts, models)
     caption = "Measured, with each effect's own share (dashed) and all of them together."
     return Figure("Allan deviation", f"{caption} {curve.note}".strip(), plot)
 
@@ -296,7 +303,7 @@ def _spectrum(result: ChannelResult) -> Figure | None:
     models = [Part("model", model_psd(result.model, f, dt))] if effects else []
     tones = [float(e.values()[0]) for e in effects if e.name in ("periodic", "narrow_band")]
     plot = figures.spectrum_figure(
-        measured, result.channel.unit, psd_parts(effects, f, dt), models, tones
+        measured, result.channel.unit, psd_parts(result.model, f, dt), models, tones
     )
     shown = ", ".join(f"{tone:.4g} Hz" for tone in tones)
     said = f" Dotted: lines and vibrations at {shown}." if tones else ""

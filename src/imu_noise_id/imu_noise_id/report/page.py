@@ -82,6 +82,8 @@ class Section:
         Shown in this order.
     verdict : str
         A short mark beside the heading ("agrees", "2 effects"), or empty.
+    links : tuple of (str, str)
+        Text and target, relative to the page: what says more.
     """
 
     title: str
@@ -90,6 +92,7 @@ class Section:
     tables: tuple[Table, ...] = ()
     snippets: tuple[Snippet, ...] = ()
     verdict: str = ""
+    links: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
