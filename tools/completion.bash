@@ -5,6 +5,9 @@ _imu_noise_id_flags() {
     "imu_noise_id simulate") echo --model --duration --seed --output --help ;;
     "imu_noise_id reconcile") echo --bag --model --simulation --output --seed --topic --help ;;
     "imu_noise_id export") echo --model --format --rate --output --help ;;
+    "nav_fusion fuse") echo --bag --model --output --set --topic --json --help --ros-args ;;
+    "nav_fusion budget") echo --model --output --duration --temperature --vibration --turn-on-gyro --turn-on-accel --help ;;
+    "nav_fusion play") echo --bag --rate --loop --topics --wait --help --ros-args ;;
     esac
 }
 

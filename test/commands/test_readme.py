@@ -14,6 +14,7 @@ import yaml
 from imu_noise_id.commands import export, identify, reconcile, simulate
 from imu_noise_id.effects import CATALOGUE
 from imu_noise_id.model_file import load_model
+from nav_fusion.commands import budget, fuse, play
 
 from helpers.live import Listener, Program
 
@@ -116,12 +117,15 @@ def test_the_message_page_is_up_to_date() -> None:
 def test_completion_knows_every_flag() -> None:
     text = (ROOT / "tools" / "completion.bash").read_text(encoding="utf-8")
     for name, command in (
-        ("identify", identify),
-        ("simulate", simulate),
-        ("reconcile", reconcile),
-        ("export", export),
+        ("imu_noise_id identify", identify),
+        ("imu_noise_id simulate", simulate),
+        ("imu_noise_id reconcile", reconcile),
+        ("imu_noise_id export", export),
+        ("nav_fusion fuse", fuse),
+        ("nav_fusion budget", budget),
+        ("nav_fusion play", play),
     ):
-        (known,) = re.findall(rf'"imu_noise_id {name}"\) echo (.*) ;;', text)
+        (known,) = re.findall(rf'"{name}"\) echo (.*) ;;', text)
         flags = {a for action in command.parser()._actions for a in action.option_strings}
         assert set(known.split()) - {"--ros-args"} == flags - {"-h"}
 
