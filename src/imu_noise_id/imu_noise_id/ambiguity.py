@@ -45,7 +45,8 @@ def _equal_name(fitted: Fit, index: int, rivals: tuple[str, ...]) -> str:
     effect = fitted.effects[index]
     rest = fitted.effects[:index] + fitted.effects[index + 1 :]
     expected = dataclasses.replace(fitted.ordinates, power=fitted.spectrum.psd)
-    without = fit(rest, expected, fitted.floor) if rest else None
+    has_source = any(isinstance(e, StochasticEffect) for e in rest)
+    without = fit(rest, expected, fitted.floor) if has_source else None
     equal = []
     for kind in SLOW:
         if isinstance(effect, kind) or any(isinstance(e, kind) for e in rest):

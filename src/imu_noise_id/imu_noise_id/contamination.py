@@ -56,7 +56,7 @@ def find_contamination(series: Series, unit: str) -> Contamination:
     seen = series.values[series.observed]
     deviation = deviation_from_medians(seen, series.sample_time_s)
     sigma = robust_sigma(deviation)
-    rounded = _rounding(seen, sigma, series.sample_time_s, unit)
+    rounded = _rounding(seen, deviation, series.sample_time_s, unit)
     hit = np.abs(deviation) > THRESHOLD * max(sigma, rounded.step)
     observed = series.observed
     effects: tuple[FittedEffect, ...] = rounded.effects
@@ -124,13 +124,14 @@ class _Rounding:
     notes: tuple[str, ...]
 
 
-def _rounding(seen: Floats, sigma: float, sample_time_s: float, unit: str) -> _Rounding:
+def _rounding(seen: Floats, deviation: Floats, sample_time_s: float, unit: str) -> _Rounding:
     step = rounding_step(seen[:ENOUGH])
     if step is None:
         return _Rounding(0.0, 0.0, (), ())
     effect = OutputRounding(step)
     fitted = FittedEffect(effect, (Estimate(step, None, None, None, unit),))
-    if step > COARSEST * sigma:
+    reach = THRESHOLD * max(robust_sigma(deviation), step)
+    if step > COARSEST * float(np.std(np.clip(deviation, -reach, reach))):
         note = f"rounding to {step:.3g} {unit} hides the fast noise; white noise includes its error"
         return _Rounding(step, 0.0, (fitted,), (note,))
     return _Rounding(step, effect.added_psd(sample_time_s), (fitted,), ())

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from imu_noise_id.effects.base import CourseEffect
+from imu_noise_id.effects.base import CourseEffect, Effect, ResponseEffect
 from imu_noise_id.effects.bias_step import BiasStep
 from imu_noise_id.effects.rate_ramp import RateRamp
 from imu_noise_id.effects.temperature import Temperature
 from imu_noise_id.model import Estimate, FittedEffect
 from imu_noise_id.ordinates import Ordinates, bin_edges, ordinates
 from imu_noise_id.recording import Floats
-from imu_noise_id.selection import SLOW, prune, select, worth
+from imu_noise_id.selection import SLOW, prune, select, white_start, worth
 from imu_noise_id.whittle import Fit, fit
 
 PRICE = 12.0
@@ -214,7 +214,7 @@ def _with_course(
         amounts = covariance @ (weighted @ coefficients[: psd.size])
         rest = coefficients - amounts @ design
         spectrum = _like(ordinates(rest, dt, current.peaks_hz), current.fit.ordinates)
-        noise = fit(noise.effects, spectrum, noise.floor, rough=True)
+        noise = fit(_with_white(noise.effects, spectrum), spectrum, noise.floor, rough=True)
         if turn == 0:
             noise = prune(noise, SLOW)
     errors = np.sqrt(np.diag(covariance))
@@ -223,6 +223,13 @@ def _with_course(
         for e, x, a, s in zip(effects, design, amounts, errors, strict=True)
     )
     return Explained(courses, rest, noise, current.peaks_hz)
+
+
+def _with_white(effects: tuple[Effect, ...], spectrum: Ordinates) -> tuple[Effect, ...]:
+    """Effects with white noise where they are slow alone: a course may leave nothing but that."""
+    if all(isinstance(e, (*SLOW, ResponseEffect)) for e in effects):
+        return (white_start(spectrum), *effects)
+    return effects
 
 
 def _like(fresh: Ordinates, model: Ordinates) -> Ordinates:

@@ -65,13 +65,12 @@ def model_allan_variance(
         of the model when left out.
     """
     effects = [f.effect for f in model.effects]
-    total = _added_psd(model, sample_time_s) / tau_s
+    held = _held(model, tau_s / sample_time_s)
+    total = held * _added_psd(model, sample_time_s) / tau_s
     for effect in effects:
         if isinstance(effect, StochasticEffect):
-            total = total + effect.allan_variance(tau_s, sample_time_s)
-        if isinstance(effect, WhiteNoise):
-            held = _held(model, tau_s / sample_time_s)
-            total = total + (held - 1.0) * effect.allan_variance(tau_s, sample_time_s)
+            factor = held if isinstance(effect, WhiteNoise) else 1.0
+            total = total + factor * effect.allan_variance(tau_s, sample_time_s)
     if any(isinstance(e, ResponseEffect) for e in effects):
         total = total - _taken_away(model, tau_s, sample_time_s)
     courses = [e for e in effects if isinstance(e, CourseEffect)]
@@ -104,11 +103,15 @@ def _added_psd(model: ChannelModel, sample_time_s: float) -> float:
             level += fitted.effect.rate * fitted.effect.scale**2 * sample_time_s
         elif isinstance(fitted.effect, OutputRounding):
             added = fitted.effect.added_psd(sample_time_s)
-            white = model.find("white_noise")
-            density = white.effect.values()[0] if white is not None else 0.0
-            assert isinstance(density, float)
-            level += added if added < 0.5 * density**2 else 0.0
+            level += added if added < 0.5 * _fast_noise(model, sample_time_s) else 0.0
     return level
+
+
+def _fast_noise(model: ChannelModel, sample_time_s: float) -> float:
+    """White level that differs from sample to sample as much as the sources do, unit^2/Hz."""
+    tau_s = np.array([sample_time_s])
+    sources = (f.effect for f in model.effects if isinstance(f.effect, StochasticEffect))
+    return sample_time_s * sum(float(e.allan_variance(tau_s, sample_time_s)[0]) for e in sources)
 
 
 def _taken_away(model: ChannelModel, tau_s: Floats, sample_time_s: float) -> Floats:

@@ -8,7 +8,8 @@ sensor's axes do at once, and by more than six times what is usual in the quiete
 recording, so that neither a step or drift of one channel nor a strong but steady coloured noise
 counts.  What lies turned by more than ten degrees from the attitude in which the recording spends
 most of its time is left out too, and where anything moved, the seconds in which two axes are twice
-as loud as in the quietest tenth: knocks, and what rings after a move.  A receiver moves when its velocity, or the way between medians
+as loud as in the quietest tenth: knocks, and what rings after a move.  A receiver
+moves when its velocity, or the way between medians
 of its position, says so.
 """
 
@@ -29,7 +30,7 @@ GYRO_FLOOR = 0.005
 """rad/s; change of a one-second mean."""
 ACCELEROMETER_FLOOR = 0.05
 """m/s^2."""
-FIELD_FLOOR = 0.02
+FIELD_FLOOR = 0.01
 """Of the field's strength."""
 TURNED_RAD = np.deg2rad(10.0)
 SPEED_M_S = 0.5
@@ -166,7 +167,7 @@ def _magnetic(stamp_ns: Stamps, values: Floats) -> list[tuple[Stamps, Stamps]]:
         return []
     strength = float(np.median(np.linalg.norm(blocks.mean, axis=0)))
     together = _second_largest(blocks.changes(FIELD_FLOOR * strength))
-    return [_about(blocks, together > _limit(together)), _turned(blocks)]
+    return [_about(blocks, together > _limit(together, 0.02)), _turned(blocks)]
 
 
 def _velocity(stamp_ns: Stamps, values: Floats) -> list[tuple[Stamps, Stamps]]:
@@ -250,8 +251,8 @@ def _coupled_pairs(blocks: _Blocks) -> int:
     return int(np.count_nonzero(r > np.tanh(5.0 / np.sqrt(count - 3.0))))
 
 
-def _limit(scores: Floats) -> float:
-    return max(1.0, QUIET_FACTOR * float(np.quantile(scores, 0.05)))
+def _limit(scores: Floats, quietest: float = 0.05) -> float:
+    return max(1.0, QUIET_FACTOR * float(np.quantile(scores, quietest)))
 
 
 def _about(blocks: _Blocks, moved: Mask) -> tuple[Stamps, Stamps]:

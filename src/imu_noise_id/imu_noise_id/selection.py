@@ -36,7 +36,7 @@ MOST = {"gauss_markov": 3, "narrow_band": 5}
 STRENGTHS = ("density", "coefficient", "sigma")
 LEAST_GAIN = 0.1
 SLOW: tuple[type[StochasticEffect], ...] = (RateRandomWalk, BiasInstability, GaussMarkov)
-SMOOTH: tuple[type[StochasticEffect], ...] = (*SLOW, Quantization)
+SMOOTH: tuple[type[StochasticEffect], ...] = (*SLOW, Quantization, WhiteNoise)
 SOURCES: tuple[type[StochasticEffect], ...] = (*SMOOTH, NarrowBand)
 RESPONSES: tuple[type[ResponseEffect], ...] = (Averaging, BandwidthLimit)
 LEAST_EFFECTS = 1
@@ -181,11 +181,18 @@ def _swap(current: Fit) -> Fit:
     """Best fit with one effect exchanged for another kind, or the current one."""
     trials = [current]
     for i, effect in enumerate(current.effects):
-        if not isinstance(effect, SMOOTH) or not _leaves_a_source(current, i):
+        if not isinstance(effect, SMOOTH) or isinstance(effect, WhiteNoise):
             continue
-        rest = _refit(current, _without(current, i))
+        rest = _rest(current, i)
         for kind in SMOOTH:
             if kind.name == effect.name or not _may_have(rest.effects, kind):
                 continue
             trials += [_refit(current, (*rest.effects, s)) for s in kind.starts(rest.residual)]
     return max(trials, key=worth)
+
+
+def _rest(current: Fit, index: int) -> Fit:
+    """Fit without one effect; white noise in its place where no source would be left."""
+    if _leaves_a_source(current, index):
+        return _refit(current, _without(current, index))
+    return _refit(current, (*_without(current, index), white_start(current.ordinates)))

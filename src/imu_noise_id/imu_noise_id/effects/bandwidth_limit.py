@@ -56,8 +56,9 @@ class BandwidthLimit(ResponseEffect):
     def starts(cls, residual: Residual) -> tuple[ResponseEffect, ...]:
         """Corners for a scan."""
         rate_hz = 1.0 / residual.ordinates.sample_time_s
-        corners = rate_hz * np.array([0.01, 0.03, 0.1, 0.2, 0.35])
-        return tuple(cls(float(c), order) for c in corners for order in (1, 2))
+        corners = rate_hz * np.array([0.01, 0.03, 0.1, 0.2, 0.35, 0.6])
+        laws = ((1, 0.7), (2, 0.7), (2, 0.2))
+        return tuple(cls(float(c), order, damping) for c in corners for order, damping in laws)
 
     def _law(self, frequency_hz: Floats) -> tuple[Floats, Floats, Floats]:
         """|H|^2 and its derivatives by log cutoff and log damping."""

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from imu_noise_id.effects.base import Parameter, Stage, TransportEffect
 from imu_noise_id.recording import Floats
 
+REGULAR = 1.2
+"""Messages by which a run may differ from the factor."""
+
 
 @dataclass(frozen=True)
 class HeldSamples(TransportEffect):
@@ -48,7 +51,8 @@ def held_factor(values: list[Floats]) -> float:
     """Messages per new sample, from the channels of one topic; 1.0 where none is held.
 
     A message is held where every channel repeats its value.  With c the fraction of repeats that
-    rounding alone explains, and r the fraction seen, the factor is (1 - c)/(1 - r).
+    rounding alone explains, and r the fraction seen, the factor is (1 - c)/(1 - r).  The runs of
+    equal values must be as long as the factor, give or take one.
 
     Parameters
     ----------
@@ -69,8 +73,11 @@ def held_factor(values: list[Floats]) -> float:
     fresh = np.flatnonzero(np.any([fresh_samples(v) for v in moving], axis=0))
     if fresh.size < 8:
         return 1.0
-    factor = float(fresh[-1] - fresh[0]) / (fresh.size - 1) * (1.0 - chance_repeats(moving))
-    factor = max(factor, 1.0)
+    lone = 1.0 - chance_repeats(moving)
+    runs = np.diff(fresh)
+    factor = max(float(runs.mean()) * lone, 1.0)
+    if np.mean(np.abs(runs - factor) < REGULAR) < 0.9 * lone**2:
+        return 1.0  # repeats that come and go are no hold: interpolation, say
     return float(round(factor)) if abs(factor / round(factor) - 1.0) < 0.02 else factor
 
 

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from imu_noise_id.effects.base import Parameter, StateSpace, StochasticEffect
+from imu_noise_id.ordinates import LEAST_SCORE, Residual
 from imu_noise_id.recording import Floats
 
 
@@ -27,6 +28,12 @@ class WhiteNoise(StochasticEffect):
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("density", "{u}/sqrt(Hz)", True, "Allan's N; root of the two-sided spectrum"),
     )
+
+    @classmethod
+    def starts(cls, residual: Residual) -> tuple[StochasticEffect, ...]:
+        """One-step estimate of N^2."""
+        amount, chi2 = residual.score(np.ones_like(residual.psd)[None])
+        return (cls(float(np.sqrt(amount[0]))),) if chi2[0] > LEAST_SCORE else ()
 
     def psd(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
         """S(f) = N^2."""
