@@ -56,11 +56,14 @@ class Residual:
         Fitted spectrum.
     tangent : (p, b) float64
         Derivatives of log psd by the fitted parameters.
+    known : (p, p) float64 or None
+        Information on them from elsewhere, where the fit is not of the ordinates alone.
     """
 
     ordinates: Ordinates
     psd: Floats
     tangent: Floats
+    known: Floats | None = None
 
     def score(self, shapes: Floats) -> tuple[Floats, Floats]:
         """Efficient score of adding ``amount * shape`` to the spectrum.
@@ -82,6 +85,8 @@ class Residual:
         if self.tangent.size:
             cross = (relative * weight) @ self.tangent.T
             fisher = (self.tangent * weight) @ self.tangent.T
+            if self.known is not None:
+                fisher = fisher + self.known
             fisher[np.diag_indices_from(fisher)] *= 1.0 + 1e-9
             information = information - np.sum(cross * np.linalg.solve(fisher, cross.T).T, axis=1)
         information = np.maximum(information, 1e-12 * (relative**2 @ weight))
