@@ -18,6 +18,7 @@ from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,7 @@ PAIRS = (
 LACKING = "periodic+narrow_band+bias_step"
 SLOW = {"rate_random_walk", "gauss_markov", "bias_instability", "random_telegraph"}
 SENSORS = 40
-"""Made-up sensors whose models the recordings with a hidden effect share; a control has its own."""
+"""Made-up sensors, whose models the recordings share."""
 CERTAIN_KINDS = {
     *("outliers", "output_rounding", "saturation", "bandwidth_limit", "averaging"),
     *("held_samples", "timestamp_jitter", "dropouts"),
@@ -77,6 +78,7 @@ class Setting:
 TWO = (hidden.IMU_CHANNELS[0], hidden.IMU_CHANNELS[4])
 GNSS = Setting(("position.east", "position.north", "position.up"), 10.0, 3600.0)
 SETTINGS = {
+    "clear": Setting(TWO),
     "half": Setting(TWO),
     "power": Setting(TWO),
     "typed": Setting(TWO, typed=True),
@@ -154,7 +156,7 @@ def run_one(task: Task, folder: Path) -> dict[str, Any]:
     if section == "own form":
         return run_own_form(kind, nats, seed)
     setting = SETTINGS.get(section, Setting())
-    sensor_seed = seed if kind == "nothing" and section != "loud" else seed % SENSORS
+    sensor_seed = seed % SENSORS
     if section == "loud":
         model = loud_simulator(sensor_seed, folder)
     else:
@@ -173,7 +175,7 @@ def run_one(task: Task, folder: Path) -> dict[str, Any]:
         "truth": {name: list(right) for name, right in made.truth.items()},
         "found": found_in(result),
     }
-    if section == "clear" and judge(line) in ("right", "between"):
+    if section in ("clear", "six") and judge(line) in ("right", "between"):
         noise_seed = seed + 5 * 10**6
         second = as_recording(
             record(setting, kind, nats, seed, sensor_seed=sensor_seed, noise_seed=noise_seed)
@@ -267,26 +269,34 @@ Task = tuple[str, str, float, int]
 
 
 def tasks(runs: int, controls: int, only: Iterable[str]) -> list[Task]:
-    graded = [k for k in hidden.KINDS if k not in CERTAIN_KINDS]
-    alone = [k for k in hidden.ON_ONE_CHANNEL if k not in CERTAIN_KINDS]
-    seeds = range(runs)
-    sections: dict[str, list[tuple[str, float, int]]] = {
-        "nothing": [("nothing", 0.0, s) for s in range(controls)],
-        "typed nothing": [("nothing", 0.0, s) for s in range(controls // 3)],
-        "clear": [(k, CLEAR_NATS, s) for s in seeds for k in hidden.KINDS],
-        "half": [(k, HALF_NATS, s) for s in seeds for k in graded],
-        "typed": [(k, CLEAR_NATS, s) for s in seeds for k in graded],
-        "typed half": [(k, HALF_NATS, s) for s in seeds for k in graded],
-        "gnss": [(k, CLEAR_NATS, s) for s in seeds for k in alone],
-        "outside": [(k, CLEAR_NATS, s) for s in seeds for k in hidden.OUTSIDE],
-        "pairs": [(k, 2.0 * CLEAR_NATS, s) for s in seeds for k in PAIRS],
-        "loud": [("nothing", 0.0, s) for s in seeds],
-        "lacking": [(LACKING, 2.0 * CLEAR_NATS, s) for s in seeds],
-        "own form": [(k, 4.0 * CLEAR_NATS, s) for s in seeds for k in hidden.OWN_FORMS],
-        "power": [(k, n, s) for s in seeds for k in POWER_KINDS for n in POWER_NATS],
+    """What is to be run, in an order that leaves some of everything when it is cut short."""
+    graded = tuple(k for k in hidden.KINDS if k not in CERTAIN_KINDS)
+    alone = tuple(k for k in hidden.ON_ONE_CHANNEL if k not in CERTAIN_KINDS)
+    sections: dict[str, tuple[float, tuple[str, ...], tuple[float, ...]]] = {
+        # runs, kinds, strengths
+        "nothing": (controls, ("nothing",), (0.0,)),
+        "typed nothing": (controls / 4, ("nothing",), (0.0,)),
+        "clear": (runs, hidden.KINDS, (CLEAR_NATS,)),
+        "six": (runs / 20, hidden.KINDS, (CLEAR_NATS,)),
+        "half": (runs / 2, graded, (HALF_NATS,)),
+        "typed": (runs / 2, graded, (CLEAR_NATS,)),
+        "typed half": (runs / 4, graded, (HALF_NATS,)),
+        "gnss": (runs / 4, alone, (CLEAR_NATS,)),
+        "outside": (runs / 4, tuple(hidden.OUTSIDE), (CLEAR_NATS,)),
+        "pairs": (runs / 4, PAIRS, (2.0 * CLEAR_NATS,)),
+        "loud": (runs / 4, ("nothing",), (0.0,)),
+        "lacking": (runs / 4, (LACKING,), (2.0 * CLEAR_NATS,)),
+        "own form": (0.75 * runs, hidden.OWN_FORMS, (4.0 * CLEAR_NATS,)),
+        "power": (runs / 4, POWER_KINDS, POWER_NATS),
     }
     wanted = set(only) or set(sections)
-    return [(name, *cell) for name, cells in sections.items() if name in wanted for cell in cells]
+    ordered: list[tuple[float, Task]] = []
+    for name, (count, kinds, strengths) in sections.items():
+        if name in wanted:
+            many = int(np.ceil(count))
+            cells = product(range(many), kinds, strengths)
+            ordered += [((s + 1) / many, (name, kind, nats, s)) for s, kind, nats in cells]
+    return [task for _, task in sorted(ordered, key=lambda pair: pair[0])]
 
 
 def read_results(path: Path) -> dict[Task, dict[str, Any]]:
@@ -408,8 +418,7 @@ def main() -> None:
     options = parser.parse_args()
     done = read_results(options.results)
     wanted = tasks(options.runs, options.controls, options.only)
-    # seed by seed over all sections, so that a study cut short has some of everything
-    left = sorted((t for t in wanted if t not in done), key=lambda t: t[3])
+    left = [t for t in wanted if t not in done]
     options.results.parent.mkdir(parents=True, exist_ok=True)
     one = partial(run_one, folder=options.results.parent / "study_reconcile_models")
     stop = time.monotonic() + 60.0 * options.minutes

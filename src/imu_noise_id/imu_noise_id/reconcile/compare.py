@@ -17,11 +17,12 @@ from imu_noise_id.effects.temperature import Temperature
 from imu_noise_id.ordinates import Residual
 from imu_noise_id.reconcile.battery import battery
 from imu_noise_id.reconcile.null import Null, log_p_of, z_of
-from imu_noise_id.reconcile.prior import FREE_STD_ERROR, map_fit, without
+from imu_noise_id.reconcile.prior import FREE_STD_ERROR, given_effects, map_fit, without
 from imu_noise_id.reconcile.result import Where
 from imu_noise_id.reconcile.state import Analysis, Column, State, analyse
 from imu_noise_id.reconcile.steps import best_step, scan_density
 from imu_noise_id.recording import Floats
+from imu_noise_id.whittle import parameter_vector, spectrum_of
 
 INDEPENDENT = 0.6
 """Tests that the battery is worth over those that it has: slow ones share what they see, and so do
@@ -157,11 +158,11 @@ def _shapes(state: State, found: Analysis) -> list[Finding]:
     f = found.white.frequency_hz
     slow = Where("allan", 0.1 / float(f[0]), 0.5 / float(f[0]), "s", 1.0)
     fast = Where("spectrum", 0.5 * float(f[-1]), float(f[-1]), "Hz", 1.0)
-    residual = residual_of(found)
+    bases = footings(state, found)
     half = float(np.log(2.0))
-    drift = max(_gain(k, residual, state, found) for k in (RateRandomWalk, BiasInstability))
-    blue = _gain(Quantization, residual, state, found)
-    wander = _gain(GaussMarkov, residual, state, found)
+    drift = max(_gain(k, bases, state, found) for k in (RateRandomWalk, BiasInstability))
+    blue = _gain(Quantization, bases, state, found)
+    wander = _gain(GaussMarkov, bases, state, found)
     return [
         _finding("drift", _log_chi2(1, 2.0 * drift), slow),
         _finding("blue", _log_chi2(1, 2.0 * blue) - half, fast),
@@ -169,18 +170,48 @@ def _shapes(state: State, found: Analysis) -> list[Finding]:
     ]
 
 
-def _gain(kind: type[StochasticEffect], residual: Residual, state: State, found: Analysis) -> float:
+def _gain(
+    kind: type[StochasticEffect], bases: tuple[Footing, ...], state: State, found: Analysis
+) -> float:
     gain = 0.0
-    for start in kind.starts(residual)[:1]:
-        effects = (*found.fit.effects, start)
-        grown = map_fit(effects, found.ordinates, state.prior, state.floor)
-        gain = max(gain, grown.objective - found.fit.objective)
+    for effects, residual in bases:
+        for start in kind.starts(residual)[:1]:
+            grown = map_fit((*effects, start), found.ordinates, state.prior, state.floor)
+            gain = max(gain, grown.objective - found.fit.objective)
     return gain
 
 
-def residual_of(found: Analysis) -> Residual:
+def residual_of(state: State, found: Analysis) -> Residual:
     """What a fit leaves, for the effects' own starting values."""
-    return Residual(found.ordinates, found.fit.spectrum.psd, found.fit.spectrum.tangent)
+    known = _known(found.fit.effects, state)
+    spectrum = found.fit.spectrum
+    return Residual(found.ordinates, spectrum.psd, spectrum.tangent, known)
+
+
+def _known(effects: tuple[Effect, ...], state: State) -> Floats:
+    theta = parameter_vector(effects) if effects else np.zeros(0)
+    return state.prior.slope_and_curvature(theta)[1]
+
+
+Footing = tuple[tuple[Effect, ...], Residual]
+
+
+def footings(state: State, found: Analysis) -> tuple[Footing, ...]:
+    """Effects beside which one more may start, and what they leave.
+
+    The fit's own; where an unseen drift floats, which may have grown to hold what is sought, the
+    model as given too.
+    """
+    own = (found.fit.effects, residual_of(state, found))
+    if state.prior.drift is None:
+        return (own,)
+    effects = given_effects(found.fit.effects, state.prior)
+    bins = found.ordinates
+    spectrum = spectrum_of(effects, bins.frequency_hz, bins.sample_time_s, state.floor)
+    q = state.prior.centre.size
+    kept = np.setdiff1d(np.arange(spectrum.tangent.shape[0]), [q, q + 1])
+    known = _known(effects, state)[np.ix_(kept, kept)]
+    return (effects, Residual(bins, spectrum.psd, spectrum.tangent[kept], known)), own
 
 
 def _log_chi2(dof: int, value: float) -> float:

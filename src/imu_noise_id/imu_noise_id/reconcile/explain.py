@@ -20,7 +20,7 @@ from imu_noise_id.effects.temperature import Temperature
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.reconcile.battery import BURST_BLOCKS
-from imu_noise_id.reconcile.compare import residual_of
+from imu_noise_id.reconcile.compare import footings, residual_of
 from imu_noise_id.reconcile.lines import steadied
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, SLOW, without
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
@@ -117,15 +117,18 @@ def _count(state: State, name: str) -> int:
 
 def _sources(state: State, found: Analysis) -> list[Candidate]:
     out = []
-    residual = residual_of(found)
+    bases = footings(state, found)
     for kind in SOURCES:
         if _count(state, kind.name) >= MOST_PER_CHANNEL.get(kind.name, 1):
             continue
-        for start in kind.starts(residual):
-            price = PRICE_PER_PARAMETER * len(start.free())
-            price += LINE_PRICE if kind.name == "narrow_band" else 0.0
-            grown = replace(state, effects=(*found.fit.effects, start))
-            out.append(_candidate(ADD, start, price, found, grown))
+        tried = []
+        for effects, residual in bases:
+            for start in kind.starts(residual):
+                price = PRICE_PER_PARAMETER * len(start.free())
+                price += LINE_PRICE if kind.name == "narrow_band" else 0.0
+                grown = replace(state, effects=(*effects, start))
+                tried.append(_candidate(ADD, start, price, found, grown))
+        out += sorted(tried, key=lambda c: -c.net)[:1]
     if not _count(state, "white_noise"):
         low = float(np.quantile(found.ordinates.power, 0.1))
         start = WhiteNoise(float(np.sqrt(max(low, 1e-300))))
@@ -142,7 +145,7 @@ def _responses(state: State, found: Analysis) -> list[Candidate]:
         return []
     for kind in RESPONSES:
         ranked = []
-        for start in kind.starts(residual_of(found)):
+        for start in kind.starts(residual_of(state, found)):
             relative = found.fit.spectrum.psd * start.power_response(f, dt)
             level = found.ordinates.dof @ (found.ordinates.power / relative)
             level /= found.ordinates.dof.sum()
