@@ -22,7 +22,7 @@ from imu_noise_id.recording import (
     Recording,
     unit_of,
 )
-from imu_noise_id.stamps import Timing, examine
+from imu_noise_id.stamps import Timing, examine, spread_batches
 
 _NO_FIX = -1
 _WIDEST = np.array((90.0, 360.0, 1e7))
@@ -71,7 +71,7 @@ def to_recording(
     samples = []
     claim = None
     for columns in used:
-        timing = examine(columns.stamp_ns)
+        timing = _timing(columns)
         if timing.stamp_ns.size < 2:
             said.append(_too_few(columns, timing))
             continue
@@ -96,6 +96,17 @@ def to_recording(
     start_ns = min(starts)
     channels = [_with_motion(c, moving, start_ns) for c in channels]
     return Recording(source, start_ns, tuple(channels), temperature, claim, tuple(said))
+
+
+def _timing(columns: TopicColumns) -> Timing:
+    """Stamps in order; samples of one batch get stamps of their own first."""
+    stamp_ns = columns.stamp_ns
+    if not (stamp_ns[1:] == stamp_ns[:-1]).any():
+        return examine(stamp_ns)
+    changes = (columns.values[:, 1:] != columns.values[:, :-1]).any(axis=0)
+    spread, notes = spread_batches(stamp_ns, np.concatenate(([True], changes)))
+    timing = examine(spread)
+    return replace(timing, notes=(*notes, *timing.notes))
 
 
 def _too_few(columns: TopicColumns, timing: Timing) -> str:

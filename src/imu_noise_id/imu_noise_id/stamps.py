@@ -1,7 +1,9 @@
 """What the stamps of a topic say: which samples are in order, at what rate, with which gaps.
 
 A stamp is ``t_k = t_0 + dt c_k + jitter``, with whole numbers ``c_k``, the *cells* of a uniform
-grid.  A gap is a jump of ``c_k`` by more than one that lasts; jitter is a jump that comes back.
+grid.  A gap is a jump of ``c_k`` by more than one that lasts; jitter is a jump that comes back at
+once, and a stall of the sender (samples stamped late, then in a burst) one that comes back within
+seconds.
 Clock steps (a stamp that jumps back by more than a second and goes on from there, or ahead by more
 than a day) are no passage of time: what follows a step is put one missing sample behind what
 precedes it, and a note says so.
@@ -27,6 +29,12 @@ GRID_CELLS = 1 << 22
 """A grid has no more than this many cells (and `GRID_CELLS_PER_SAMPLE` for each sample)."""
 _WINDOW = 11
 _LONGEST_WINDOW = 1001
+_BATCHED = 0.9
+"""Of the messages, twice the share that has the stamp of the one before: all in batches of two."""
+_LONGEST_STALL_NS = 10_000_000_000
+_MOST_STALLED = 10_000
+_STALL = 2.5
+"""Periods between neighbours that may be a stall."""
 _BLOCK = 256
 _MOST_STEPS = 200_000
 _MOST_BLOCKS = 2000
@@ -102,6 +110,45 @@ def examine(stamp_ns: Stamps) -> Timing:
         late,
         tuple(notes),
     )
+
+
+def spread_batches(stamp_ns: Stamps, fresh: Mask) -> tuple[Stamps, tuple[str, ...]]:
+    """Stamps of their own for samples that a driver reads in batches and stamps once a batch.
+
+    A batch's last sample keeps its stamp; those before it are spread evenly between the batch
+    before, or as much time as a batch takes, and it.  Stamps of which fewer than half are shared
+    stay as they are, and so do those of messages that came twice.
+
+    Parameters
+    ----------
+    stamp_ns : (n,) int64
+        In the order of reception.
+    fresh : (n,) bool
+        Whether a sample's values differ from those of the sample before.
+
+    Returns
+    -------
+    stamps : (n,) int64
+    notes : tuple of str
+    """
+    shared = (stamp_ns[1:] == stamp_ns[:-1]) & fresh[1:]
+    size = stamp_ns.size
+    if 2 * np.count_nonzero(shared) < _BATCHED * size:
+        return stamp_ns, ()
+    first = np.concatenate(([0], np.flatnonzero(stamp_ns[1:] != stamp_ns[:-1]) + 1))
+    count = np.diff(np.append(first, size))
+    steps = np.diff(stamp_ns[first])
+    if first.size < 3 or not (steps > 0).any():
+        return stamp_ns, ()
+    ahead = steps > 0
+    period = float(np.median(steps[ahead] / count[1:][ahead]))
+    most = np.rint(count * period).astype(np.int64)
+    span = most.copy()
+    span[1:] = np.where(ahead, np.minimum(steps, most[1:]), most[1:])
+    place = np.arange(size) - np.repeat(first, count) + 1  # 1 to the batch's size
+    back = np.repeat(span / count, count) * (np.repeat(count, count) - place)
+    note = f"messages share one stamp, {np.median(count):g} at a time: spread between the stamps"
+    return stamp_ns - np.rint(back).astype(np.int64), (note,)
 
 
 def join_clock_steps(stamp_ns: Stamps) -> tuple[Stamps, Mask | None, list[str]]:
@@ -190,6 +237,8 @@ def sample_period_ns(stamp_ns: Stamps) -> float:
     period = float(np.quantile(steps, 0.1))
     if np.mean(np.abs(steps / period - np.rint(steps / period)) < 0.1) < 0.9:
         period = float(np.median(steps))
+        near = np.abs(steps - period) < 0.5 * period  # not across a loss
+        period = float(np.median(steps[near])) if near.any() else period
     lost = np.rint(steps / period)
     if np.mean(lost > 1.5) > 0.02 and lost.sum() > 3.0 * steps.size:
         period = float(np.mean(steps[steps <= np.quantile(steps, 0.999)]))
@@ -202,16 +251,18 @@ def cells(stamp_ns: Stamps, period_ns: float) -> Cells:
     """Cell of each sample on the uniform grid, the first in cell 0, strictly increasing.
 
     About a step that is not within half a period of one period, whole multiples count as they are;
-    else the lag of the stamps behind the count of samples decides: a median over 11 samples of it
-    jumps at a gap and not at jitter.
+    else the lag of the stamps behind the count of samples decides.  Its median over 11 samples
+    jumps by whole periods at a gap and not at jitter; the smallest sum of such jumps in the coming
+    seconds grows at a gap and not at a stall, after which the samples catch up.
     """
     cell = np.arange(stamp_ns.size)
     odd = _odd_steps(stamp_ns, period_ns)
     if odd.size == 0:
         return cell
     window = _smoothing_samples(np.diff(stamp_ns), period_ns)
-    for begin, end in _neighbourhoods(odd, stamp_ns.size, 2 * window):
-        lost = _lost(stamp_ns[begin:end], period_ns, window)
+    ahead = _samples_ahead(period_ns) + window
+    for begin, end in _neighbourhoods(odd, stamp_ns.size, 2 * window, ahead + window):
+        lost = _lost(stamp_ns[begin:end], period_ns, window, ahead)
         cell[begin + 1 : end] += np.cumsum(lost)
         cell[end:] += int(lost.sum())
     return cell
@@ -226,17 +277,21 @@ def _odd_steps(stamp_ns: Stamps, period_ns: float) -> Cells:
     return np.concatenate(parts)
 
 
-def _lost(stamp_ns: Stamps, period_ns: float, window: int) -> Cells:
+def _lost(stamp_ns: Stamps, period_ns: float, window: int, ahead: int) -> Cells:
     """Cells without a sample before each sample but the first."""
     ratio = np.diff(stamp_ns) / period_ns
     whole = np.rint(ratio)
     if (np.abs(ratio - whole) < 0.2).all() and (whole >= 1).all():
         return whole.astype(np.int64) - 1
-    from scipy.ndimage import median_filter  # slow to import, and few recordings need it
+    from scipy.ndimage import median_filter, minimum_filter1d  # slow to import, seldom needed
+
+    from imu_noise_id.phase import whole_jumps
 
     lag = (stamp_ns - stamp_ns[0]) / period_ns - np.arange(stamp_ns.size)
     smooth = median_filter(lag, window, mode="nearest") if lag.size > 2 else lag
-    return np.maximum(np.rint(np.diff(smooth)), 0).astype(np.int64)
+    behind = whole_jumps(smooth)
+    lasting = minimum_filter1d(behind, ahead, mode="nearest", origin=-(ahead // 2))
+    return np.maximum(np.diff(lasting), 0)
 
 
 def _smoothing_samples(steps: Stamps, period_ns: float) -> int:
@@ -248,11 +303,11 @@ def _smoothing_samples(steps: Stamps, period_ns: float) -> int:
     return min(4 * burst + 1, _LONGEST_WINDOW)
 
 
-def _neighbourhoods(odd: Cells, size: int, reach: int) -> list[tuple[int, int]]:
+def _neighbourhoods(odd: Cells, size: int, back: int, ahead: int) -> list[tuple[int, int]]:
     """Stretches of samples about the odd steps, none touching another."""
-    split = np.flatnonzero(np.diff(odd) > 2 * reach) + 1
-    first = odd[np.concatenate(([0], split))] - reach
-    last = odd[np.concatenate((split - 1, [odd.size - 1]))] + reach + 2
+    split = np.flatnonzero(np.diff(odd) > back + ahead) + 1
+    first = odd[np.concatenate(([0], split))] - back
+    last = odd[np.concatenate((split - 1, [odd.size - 1]))] + ahead + 2
     return list(zip(np.maximum(first, 0).tolist(), np.minimum(last, size).tolist(), strict=True))
 
 
@@ -272,12 +327,32 @@ def _slope_ns(stamp_ns: Stamps, cell: Cells, period_ns: float) -> float:
 
 def _slope_sums(stamp_ns: Stamps, cell: Cells, period_ns: float) -> tuple[float, float]:
     """Sums of (c - mean c)^2 and of (c - mean c)(t - dt c), means within each gapless stretch."""
-    edge = np.concatenate(([0], np.flatnonzero(np.diff(cell) > 1) + 1))
-    count = np.diff(np.append(edge, cell.size))
     residual = _residual_ns(stamp_ns, cell, period_ns)
-    x = np.arange(cell.size) - np.repeat(edge + (count - 1) / 2.0, count)
+    stretch = np.concatenate(([0], np.cumsum(np.diff(cell) > 1)))
+    if (np.diff(stamp_ns) > _STALL * period_ns).any():
+        prompt = ~_stalled(residual, period_ns)
+        cell, residual, stretch = cell[prompt], residual[prompt], stretch[prompt]
+    edge = np.flatnonzero(np.diff(stretch, prepend=-1))
+    count = np.diff(np.append(edge, stretch.size))
+    x = cell - np.repeat(np.add.reduceat(cell, edge) / count, count)
     y = residual - np.repeat(np.add.reduceat(residual, edge) / count, count)
     return float(x @ x), float(x @ y)
+
+
+def _stalled(residual: Floats, period_ns: float) -> Mask:
+    """Which samples are stamped periods later than those that come after them."""
+    from scipy.ndimage import minimum_filter1d  # slow to import, seldom needed
+
+    ahead = _samples_ahead(period_ns)
+    late = residual - minimum_filter1d(residual, ahead, mode="nearest", origin=-(ahead // 2))
+    # the median is what a wrong period makes of all samples
+    found: Mask = late > 2.0 * np.median(late) + _STALL * period_ns
+    return found
+
+
+def _samples_ahead(period_ns: float) -> int:
+    """Samples in which a sender that stalled has caught up."""
+    return int(min(_LONGEST_STALL_NS / period_ns, _MOST_STALLED)) + _WINDOW
 
 
 def _residual_ns(stamp_ns: Stamps, cell: Cells, period_ns: float) -> Floats:

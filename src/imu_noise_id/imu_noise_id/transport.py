@@ -6,12 +6,14 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from imu_noise_id.effects.dropouts import Dropouts, dropout_parameters, gap_lengths
+from imu_noise_id.effects.dropouts import Dropouts
 from imu_noise_id.effects.held_samples import HeldSamples, fresh_samples, held_factor
 from imu_noise_id.effects.timestamp_jitter import TimestampJitter, jitter_std
 from imu_noise_id.model import Estimate, FittedEffect
 from imu_noise_id.recording import DERIVED, Channel
+from imu_noise_id.stamps import cells
 
 LEAST_FACTOR = 1.1
 LEAST_JITTER = 0.01
@@ -50,9 +52,9 @@ def find_transport(channels: tuple[Channel, ...]) -> Transport:
         error = jitter * float(np.sqrt(35.0 / 36.0 / max(first.stamp_ns.size, 1)))
         row = Estimate(jitter, error, jitter - 1.96 * error, jitter + 1.96 * error, "s")
         effects.append(FittedEffect(TimestampJitter(jitter), (row,)))
-    gaps = gap_lengths(first.stamp_ns, first.rate_hz).size
-    if gaps >= LEAST_GAPS:
-        effects.append(_dropouts(first, gaps))
+    missing = np.diff(cells(first.stamp_ns, 1e9 / first.rate_hz)) - 1
+    if np.count_nonzero(missing) >= LEAST_GAPS:
+        effects.append(_dropouts(first, missing[missing > 0]))
     return Transport(tuple(effects), factor)
 
 
@@ -62,10 +64,15 @@ def _measured(channels: tuple[Channel, ...]) -> tuple[Channel, ...]:
 
 
 def without_repeats(channel: Channel, group: tuple[Channel, ...], factor: float) -> Channel:
-    """Return the channel with its new samples only, at the rate at which they come."""
+    """Return the channel with its new samples only, at the rate at which they come.
+
+    A sample is new where any channel of the topic changes; a channel may lack samples that others
+    have.
+    """
     if factor == 1.0:
         return channel
-    fresh = np.any([fresh_samples(c.values) for c in _measured(group)], axis=0)
+    new = [c.stamp_ns[fresh_samples(c.values)] for c in _measured(group)]
+    fresh = np.isin(channel.stamp_ns, np.concatenate(new))
     return dataclasses.replace(
         channel,
         stamp_ns=channel.stamp_ns[fresh],
@@ -75,8 +82,10 @@ def without_repeats(channel: Channel, group: tuple[Channel, ...], factor: float)
     )
 
 
-def _dropouts(channel: Channel, gaps: int) -> FittedEffect:
-    rate, length = dropout_parameters(channel.stamp_ns, channel.rate_hz)
+def _dropouts(channel: Channel, missing: NDArray[np.int64]) -> FittedEffect:
+    """Gaps per second and their mean length, from the number of messages missing in each gap."""
+    gaps = missing.size
+    rate, length = gaps / channel.duration_s, float(missing.mean()) / channel.rate_hz
     spread = float(np.exp(1.96 / np.sqrt(gaps)))
     rows = tuple(
         Estimate(value, value / float(np.sqrt(gaps)), value / spread, value * spread, unit)

@@ -146,3 +146,62 @@ def test_too_few_samples_have_no_rate(even, count):
 def test_frozen_stamps_leave_one_sample():
     timing = stamps.examine(np.full(100, START))
     assert (timing.stamp_ns.size, timing.duplicates) == (1, 99)
+
+
+def stalled(rng, even, jitter, speed):
+    """Stamps of reception of a sender that stalls three times and then catches up."""
+    time = even + (rng.normal(0.0, jitter, COUNT) * PERIOD).astype(np.int64)
+    for at, length in ((4000, 60), (10_000, 200), (16_000, 400)):
+        late = even[at + length] + (np.arange(COUNT - at) * (PERIOD / speed)).astype(np.int64)
+        time[at:] = np.maximum(time[at:], late)
+    return np.sort(time) + np.arange(COUNT)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("speed", [2.0, 50.0])
+def test_a_stall_of_the_sender_is_no_loss(rng, even, jitter, speed):
+    timing = stamps.examine(stalled(rng, even, jitter, speed))
+    assert timing.missing <= 3 * (jitter == 0.3)
+    assert timing.rate_hz == pytest.approx(200.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.1])
+def test_what_is_lost_in_a_stall_is_counted(rng, even, jitter):
+    present = np.ones(COUNT, dtype=bool)
+    present[10_050:10_070] = False
+    timing = stamps.examine(stalled(rng, even, jitter, 50.0)[present])
+    assert (timing.gaps, timing.missing) == (1, 20)
+
+
+@pytest.mark.parametrize("lost", [0.001, 0.01])
+@pytest.mark.parametrize("jitter", [0.1, 0.2, 0.3])
+def test_losses_among_jittering_stamps_do_not_change_the_rate(rng, even, lost, jitter):
+    present = rng.random(COUNT) > lost
+    present[[0, -1]] = True
+    noisy = np.sort(even + (rng.normal(0.0, jitter, COUNT) * PERIOD).astype(np.int64))
+    timing = stamps.examine(noisy[present])
+    assert timing.rate_hz == pytest.approx(200.0, rel=5e-4)
+    assert timing.missing == pytest.approx(np.count_nonzero(~present), abs=10 * (jitter > 0.2) + 1)
+
+
+@pytest.mark.parametrize("size", [2, 10, 32])
+def test_samples_that_share_a_stamp_are_spread_over_the_time_of_their_batch(even, size):
+    last = even[size - 1 :: size][: COUNT // size]
+    spread, notes = stamps.spread_batches(np.repeat(last, size), np.ones(last.size * size, bool))
+    np.testing.assert_array_equal(spread, even[: spread.size])
+    assert f"{size} at a time" in notes[0]
+
+
+def test_a_batch_that_is_lost_leaves_its_gap(even):
+    last = np.delete(even[9::10], 500)
+    spread, _ = stamps.spread_batches(np.repeat(last, 10), np.ones(last.size * 10, bool))
+    np.testing.assert_array_equal(spread, np.delete(even, np.arange(5000, 5010)))
+
+
+def test_messages_that_came_twice_and_stamps_that_froze_are_not_spread(even):
+    twice = np.repeat(even, 2)
+    fresh = np.tile([True, False], COUNT)
+    assert stamps.spread_batches(twice, fresh) == (pytest.approx(twice), ())
+    frozen = even.copy()
+    frozen[5000:6000] = frozen[5000]
+    assert stamps.spread_batches(frozen, np.ones(COUNT, bool))[1] == ()
