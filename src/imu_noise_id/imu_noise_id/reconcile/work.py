@@ -99,8 +99,9 @@ class Work:
 
     @property
     def local(self) -> bool:
-        """Whether a step is local in time, so that the held-out part is the odd samples."""
-        return any(d.effect.name in LOCAL for d in self.drafts)
+        """Whether the model or a step is local in time, so that the odd samples are held out."""
+        given = (c.effect.name for c in self.state.columns if c.given)
+        return bool(LOCAL & {*given, *(d.effect.name for d in self.drafts)})
 
     @cached_property
     def findings(self) -> Findings:
@@ -130,7 +131,7 @@ def drafted(
     before: Work, after: Work, action: str, effect: Effect, finding: Finding, rival: str = ""
 ) -> Work:
     """``after`` with the step that led to it, scored."""
-    local = effect.name in LOCAL
+    local = effect.name in LOCAL or before.local
     draft = Draft(
         action,
         effect,
