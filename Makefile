@@ -23,7 +23,7 @@ format: build ## let ruff lay out the code
 	@$(inside) && ruff check --fix . && ruff format .
 
 bench: ## measure the suite beside its peers (bench/), write docs/benchmarks.md
-	@tools/build bench && tools/scripts bench
+	@tools/build bench docs && tools/scripts bench && $(inside) && python bench/page.py
 
 study: build ## the Monte Carlo studies (study/)
 	@tools/scripts study

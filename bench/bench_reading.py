@@ -1,7 +1,8 @@
 """Read a long Imu bag: messages a second, peak memory, and peers on the same file.
 
 Each run is a process of its own, so that peak memory is the run's.  Rates are by the clock and, as
-other work on the machine slows that, by processor time.  The bag (zstd chunks; white noise, a random walk and a vibration, rounded to a sensor's LSB) is written once and kept in ``--folder``.
+other work on the machine slows that, by processor time.  The bag (zstd chunks; white noise, a
+random walk and a vibration, rounded to a sensor's LSB) is written once and kept in ``--folder``.
 """
 
 from __future__ import annotations
@@ -9,19 +10,24 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 from imu_noise_id.bag_writer import TopicBytes, write_bag
+from results import RESULTS, write_results
 
 from imu_noise_id import cdr
 
 RATE_HZ = 1000.0
+DEDRUNK = Path(sys.executable).with_name("dedrunk")
+FOLDER = Path(tempfile.gettempdir()) / "bench_bags"
 
 
 def make_bag(path: Path, count: int) -> None:
@@ -84,9 +90,40 @@ def run_rosbags(path: str, threads: int) -> int:
     return len(values)
 
 
+def run_whole(path: str, threads: int) -> int:
+    """Reading, Allan deviations and their intervals of six channels: dedrunk's job."""
+    from imu_noise_id.allan import allan
+    from imu_noise_id.bags import read_recording
+    from imu_noise_id.series import to_series
+
+    recording = read_recording(path, threads=threads)
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(lambda c: allan(to_series(c, recording.start_ns)), recording.channels))
+    return recording.channels[0].values.size
+
+
+def run_dedrunk(path: str, threads: int) -> int:
+    """Run dedrunk's noise command, on all cores; what it says of the slopes is of no interest."""
+    del threads
+    with tempfile.TemporaryDirectory() as folder:
+        done = subprocess.run(
+            [DEDRUNK, "-y", "noise", str(next(Path(path).glob("*.mcap")))],
+            check=False,
+            cwd=folder,
+            capture_output=True,
+            text=True,
+        )
+    found = re.search(r"(\d+) samples", done.stdout + done.stderr)
+    if found is None:
+        raise SystemExit(f"dedrunk: {done.stderr}")
+    return int(found.group(1))
+
+
 RUNS = {
     "ours": run_ours,
     "columns": run_columns,
+    "whole": run_whole,
+    "dedrunk": run_dedrunk,
     "mcap_ros2": run_mcap_ros2,
     "rosbags": run_rosbags,
 }
@@ -106,15 +143,21 @@ def child(reader: str, path: str, threads: int) -> None:
     import imu_noise_id.bags  # noqa: F401  # its imports are not the reader's memory
 
     before = peak_mb()
-    begin, processor = time.perf_counter(), time.process_time()
+    begin, processor = time.perf_counter(), processor_s()
     count = RUNS[reader](path, threads)
     figures = {
         "count": count,
         "seconds": time.perf_counter() - begin,
-        "processor_s": time.process_time() - processor,
+        "processor_s": processor_s() - processor,
         "peak_mb": peak_mb() - before,
     }
     print(json.dumps(figures))
+
+
+def processor_s() -> float:
+    """Processor time of this process and of those that it has waited for."""
+    spent = os.times()
+    return spent.user + spent.system + spent.children_user + spent.children_system
 
 
 def peak_mb() -> float:
@@ -123,17 +166,35 @@ def peak_mb() -> float:
     return next(int(row.split()[1]) for row in status if row.startswith("VmHWM")) / 1024
 
 
-def report(name: str, runs: list[dict[str, float]], kept_bytes: float) -> None:
-    """Print one line of the table."""
+def row(name: str, runs: list[dict[str, float]], kept_bytes: float) -> str:
+    """Return one line of the table."""
     rates = sorted(run["count"] / run["seconds"] / 1e3 for run in runs)
     own = statistics.median(run["count"] / run["processor_s"] / 1e3 for run in runs)
     peak = statistics.median(run["peak_mb"] for run in runs)
     ratio = peak * 2**20 / (kept_bytes * runs[0]["count"])
-    print(
-        f"{name:26s} {statistics.median(rates):8.0f} k msg/s ({rates[0]:.0f} to {rates[-1]:.0f}), "
-        f"{own:6.0f} k/processor-s, "
-        f"peak {peak:6.0f} MB = {ratio:.2f} of the kept arrays"
+    memory = "" if name.startswith("dedrunk") else f"{peak:.0f} MB, {ratio:.2f}"
+    return (
+        f"| {name} | {runs[0]['count']:,} | {statistics.median(rates):.0f} "
+        f"({rates[0]:.0f} to {rates[-1]:.0f}) | {own:.0f} | {memory} |"
     )
+
+
+HEADING = """\
+| what | messages | thousand messages a second, median (least to most) | a processor-second | peak \
+memory, in kept arrays |
+|---|---|---|---|---|"""
+JOBS = (
+    # label, reader, which bag, threads
+    ("to columns, 1 thread", "columns", "long", 1),
+    ("to columns, 2 threads", "columns", "long", 2),
+    ("to a recording (stamps, quality, motion), 1 thread", "ours", "long", 1),
+    ("to a recording, 2 threads", "ours", "long", 2),
+    ("recording, Allan deviations and intervals, 2 threads", "whole", "long", 2),
+    ("dedrunk noise, all cores", "dedrunk", "long", 2),
+    ("to columns, 1 thread", "columns", "short", 1),
+    ("rosbags, message by message", "rosbags", "short", 1),
+    ("mcap-ros2-support, message by message", "mcap_ros2", "short", 1),
+)
 
 
 def main() -> None:
@@ -142,9 +203,8 @@ def main() -> None:
     arguments.add_argument("--count", type=int, default=10_800_000)
     arguments.add_argument("--peer-count", type=int, default=300_000)
     arguments.add_argument("--runs", type=int, default=3)
-    arguments.add_argument(
-        "--folder", type=Path, default=Path(tempfile.gettempdir()) / "bench_bags"
-    )
+    arguments.add_argument("--folder", type=Path, default=FOLDER)
+    arguments.add_argument("--output", type=Path, default=RESULTS)
     arguments.add_argument("--child", choices=sorted(RUNS))
     arguments.add_argument("--bag")
     arguments.add_argument("--threads", type=int, default=1)
@@ -152,21 +212,27 @@ def main() -> None:
     if options.child:
         child(options.child, options.bag, options.threads)
         return
-    options.folder.mkdir(parents=True, exist_ok=True)
-    bags = {n: options.folder / f"imu_{n}" for n in (options.count, options.peer_count)}
-    for count, path in bags.items():
-        make_bag(path, count)
+    counts = {"long": options.count, "short": options.peer_count}
+    bags = {which: options.folder / f"imu_{n}" for which, n in counts.items()}
+    for which, path in bags.items():
+        make_bag(path, counts[which])
     kept = 8.0 + 6 * 8.0 + 1.0  # stamps, six channels, the still mask
-    long, short = bags[options.count], bags[options.peer_count]
-    size = sum(f.stat().st_size for f in long.iterdir()) / 2**20
-    print(f"{options.count} messages, {size:.0f} MB zstd, {os.cpu_count()} cores")
-    for threads in (1, 2):
-        for name in ("columns", "ours"):
-            runs = [measure(name, long, threads) for _ in range(options.runs)]
-            report(f"{name}, {threads} thread{'s' * (threads > 1)}", runs, kept)
-    for name in ("ours", "rosbags", "mcap_ros2"):
-        runs = [measure(name, short, 1) for _ in range(options.runs)]
-        report(f"{name}, {options.peer_count} messages", runs, kept)
+    size = sum(f.stat().st_size for f in bags["long"].iterdir()) / 2**20
+    rows, results = [HEADING], {}
+    print(HEADING, flush=True)
+    for label, reader, which, threads in JOBS:
+        if reader == "dedrunk" and not DEDRUNK.is_file():
+            print("dedrunk is not installed: left out")
+            continue
+        runs = [measure(reader, bags[which], threads) for _ in range(options.runs)]
+        results[f"{reader} {which} {threads}"] = runs
+        rows.append(row(label, runs, kept))
+        print(rows[-1], flush=True)
+    text = (
+        f"sensor_msgs/Imu, the long bag {size:.0f} MB of zstd chunks; every run a process of its "
+        f"own, {options.runs} runs; {os.cpu_count()} cores.\n\n" + "\n".join(rows) + "\n"
+    )
+    write_results("reading", results, text, options.output)
 
 
 if __name__ == "__main__":

@@ -77,7 +77,7 @@ def table(rows: list[dict[str, float]]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--output", type=Path, default=Path(__file__).parent / "results")
-    parser.add_argument("--minutes", type=float, nargs="+", default=[2.5, 5.0, 10.0, 20.0])
+    parser.add_argument("--minutes", type=float, nargs="+", default=[2.5, 5.0, 10.0])
     options = parser.parse_args()
     rows = [timed(minutes) for minutes in options.minutes]
     options.output.mkdir(parents=True, exist_ok=True)
