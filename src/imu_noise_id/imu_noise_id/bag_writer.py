@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -16,6 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 from imu_noise_id import cdr
 from imu_noise_id.cdr import Bytes
 from imu_noise_id.errors import InputError
+from imu_noise_id.files import scratch_folder
 from imu_noise_id.geodesy import curvature_radii
 from imu_noise_id.recording import Channel, Floats, Recording, Stamps
 
@@ -66,9 +66,8 @@ def write_bag(path: str | Path, topics: Sequence[TopicBytes], compressed: bool =
     """
     target = Path(path)
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=target.parent, prefix=".writing-") as folder:
-            draft = Path(folder) / target.name
+        with scratch_folder(target) as folder:
+            draft = folder / target.name
             _write(draft, topics, compressed)
             _move(draft, target)
     except OSError as error:

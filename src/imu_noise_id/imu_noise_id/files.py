@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import glob
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -16,7 +18,7 @@ def replacing(path: Path | str) -> Iterator[BinaryIO]:
     """Write a file anew, so that a reader sees the old or the new whole file.
 
     The bytes go to a temporary file of the same folder (made where it is missing), which is then
-    renamed.
+    renamed.  What a process left that was killed while it wrote is removed.
 
     Raises
     ------
@@ -27,6 +29,7 @@ def replacing(path: Path | str) -> Iterator[BinaryIO]:
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(path.parent, f".{path.name}.", ".part")
         with open(temporary, "wb") as stream:
             yield stream
             stream.flush()
@@ -38,6 +41,29 @@ def replacing(path: Path | str) -> Iterator[BinaryIO]:
         raise InputError(
             f"{path}: cannot be written ({error.strerror}): free the place or name another"
         ) from error
+
+
+def remove_leftovers(folder: Path, before: str, after: str) -> None:
+    """Remove what is named ``before PID after`` in a folder where no such process runs any more."""
+    for entry in folder.glob(f"{glob.escape(before)}*{glob.escape(after)}"):
+        owner = entry.name.removeprefix(before).removesuffix(after)
+        if not owner.isdecimal() or Path("/proc", owner).exists():
+            continue
+        with contextlib.suppress(OSError):
+            shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
+
+
+@contextlib.contextmanager
+def scratch_folder(path: Path) -> Iterator[Path]:
+    """Yield a new folder beside a place; it is removed, by a later run where this one is killed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    remove_leftovers(path.parent, f".{path.name}.", ".part")
+    folder = path.with_name(f".{path.name}.{os.getpid()}.part")
+    folder.mkdir()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def write_text(path: Path | str, text: str) -> None:
