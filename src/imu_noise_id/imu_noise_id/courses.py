@@ -19,6 +19,8 @@ from imu_noise_id.selection import SLOW, prune, select, white_start, worth
 from imu_noise_id.whittle import Fit, fit
 
 PRICE = 12.0
+CLEAR = 5.0
+"""Nats by which a ramp must fit better than a slow term, or both names are said."""
 CLEARLY = 6.0
 """Gain in 2 l that a course needs where it takes the place of a slow term (3 nats: what fits
 equally keeps the name that asks for less)."""
@@ -38,12 +40,15 @@ class Course:
     unit_coefficients : (n,) float64
         DCT-II of the course at amount 1.
     amount, std_error : float
+    note : str
+        Which name fits about as well, where one does.
     """
 
     effect: CourseEffect
     unit_coefficients: Floats
     amount: float
     std_error: float
+    note: str = ""
 
     def fitted(self, unit: str) -> FittedEffect:
         """Return the effect with its interval; the time of a step has none."""
@@ -56,7 +61,7 @@ class Course:
                 continue
             reach = 1.96 * self.std_error
             rows.append(Estimate(value, self.std_error, value - reach, value + reach, name_of_unit))
-        return FittedEffect(self.effect, tuple(rows))
+        return FittedEffect(self.effect, tuple(rows), self.note)
 
 
 @dataclass(frozen=True)
@@ -118,8 +123,34 @@ def explain(
                 rivals.append(effect.name)
         grown = max(trials, key=_worth)
         if grown is best:
-            return dataclasses.replace(_spent(best), rivals=tuple(rivals))
+            courses = tuple(_noted(c, best, base) for c in best.courses)
+            return dataclasses.replace(_spent(best), courses=courses, rivals=tuple(rivals))
         best = grown
+
+
+def _noted(course: Course, found: Explained, base: Fit) -> Course:
+    """Say of a ramp that stands alone with white noise when a slow term fits the record as well."""
+    alone = not _drifts(found.fit) and len(found.courses) == 1
+    if not isinstance(course.effect, RateRamp) or not alone:
+        return course
+    rivals = [base] if _drifts(base) else _with_a_slow_term(found.fit.effects, base)
+    equal = [r for r in rivals if found.fit.log_likelihood - r.log_likelihood < CLEAR]
+    if not equal:
+        return course
+    rival = next(e.name for e in max(equal, key=worth).effects if isinstance(e, SLOW))
+    return dataclasses.replace(
+        course, note=f"between {course.effect.name} and {rival}: they fit this record equally"
+    )
+
+
+def _drifts(fitted: Fit) -> bool:
+    return any(isinstance(e, SLOW) for e in fitted.effects)
+
+
+def _with_a_slow_term(effects: tuple[Effect, ...], base: Fit) -> list[Fit]:
+    bare = fit(effects, base.ordinates, base.floor)
+    starts = (start for kind in SLOW for start in kind.starts(bare.residual))
+    return [fit((*effects, start), base.ordinates, base.floor) for start in starts]
 
 
 def _clear(trial: Explained, best: Explained) -> bool:

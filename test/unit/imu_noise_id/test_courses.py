@@ -46,6 +46,15 @@ def test_a_ramp_that_a_walk_fits_as_well_is_said_to_be_its_rival():
     assert (found.courses, found.rivals) == ((), ("rate_ramp",))
 
 
+def test_a_strong_ramp_has_no_rival_and_a_weak_one_has():
+    def notes(slope):
+        records = (white(N, np.random.default_rng(s)) + slope * TIME_S for s in range(42, 50))
+        return [c.note for y in records for c in explained(y).courses]
+
+    assert set(notes(0.1)) == {""}
+    assert any("between rate_ramp and" in note for note in notes(0.004))
+
+
 def test_step_is_found_in_slow_noise():
     rng = np.random.default_rng(43)
     found = explained(white(N, rng) + walk(N, rng, 0.05) + 6.0 * (TIME_S >= 123.0))
