@@ -291,4 +291,4 @@ def _span_text(found: Findings | None) -> str:
 
 def run_node(argv: Sequence[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit status."""
-    return spin_node(IdentifyNode, argv)
+    return spin_node(IdentifyNode, argv, "identify", SETTINGS)

@@ -17,6 +17,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from imu_noise_id.errors import InputError
+from imu_noise_id.ros.parameter_files import check_arguments
+from imu_noise_id.ros.parameters import Setting
 
 _WAKE_S = 0.05
 BAD_INPUT = 2
@@ -65,7 +67,9 @@ class Stop:
         signal.signal(number, signal.SIG_DFL)
 
 
-def run_node(make: Callable[[], Node], argv: Sequence[str] | None = None) -> int:
+def run_node(
+    make: Callable[[], Node], argv: Sequence[str] | None, name: str, settings: Sequence[Setting]
+) -> int:
     """Spin a node until SIGINT or SIGTERM; return the exit status.
 
     Parameters
@@ -73,9 +77,14 @@ def run_node(make: Callable[[], Node], argv: Sequence[str] | None = None) -> int
     make : callable
         Makes the node; an `InputError` from it is one line on stderr and status 2.
     argv : sequence of str, optional
-        ``--ros-args ...``; the process's own where None.
+        ``--ros-args ...``; none where None.
+    name : str
+        The node's, where no argument gives another.
+    settings : sequence of Setting
+        Its parameters, which files and arguments are checked against first.
     """
     try:
+        unknown = check_arguments(list(argv or []), name, settings)
         rclpy.init(args=list(argv or []), signal_handler_options=SignalHandlerOptions.NO)
         stop = Stop()
         node = make()
@@ -83,6 +92,8 @@ def run_node(make: Callable[[], Node], argv: Sequence[str] | None = None) -> int
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         rclpy.try_shutdown()
         return BAD_INPUT
+    for line in unknown:
+        node.get_logger().warning(line)
     executor = make_executor()
     executor.add_node(node)
     try:

@@ -252,4 +252,4 @@ class FuseNode(Node):
 
 def run_node(argv: Sequence[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit status."""
-    return spin_node(FuseNode, argv)
+    return spin_node(FuseNode, argv, "fuse", SETTINGS)
