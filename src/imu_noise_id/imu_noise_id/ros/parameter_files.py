@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+import itertools
 from collections.abc import Iterator, Sequence
 
 from imu_noise_id.errors import InputError
@@ -53,7 +54,7 @@ def check_arguments(
 
 
 def _pairs(arguments: Sequence[str]) -> Iterator[tuple[str, str]]:
-    return zip(arguments, arguments[1:], strict=False)
+    return itertools.pairwise(arguments)
 
 
 def _full_name(arguments: Sequence[str], name: str) -> str:
