@@ -39,7 +39,7 @@ HEAD = """# A public case: Nikolic (2016)
 Written by `study/study_nikolic.py --runs {runs} --hours {hours:g}`: {hours:g} h at 400 Hz, white
 density 1.064e-4, diffusion density 1.148e-6, correlation time 530.8 s.  RMSE of each estimate as a
 share of the truth, with the standard error of the Monte Carlo; *bound* is the Cramer-Rao bound of
-the Whittle likelihood.  Ours comes twice: told the effects, as the others are, and as a user has it.
+the Whittle likelihood.  Ours comes twice: told the effects, as the others are, and choosing them.
 
 | method | white noise | diffusion | correlation time |
 |---|---|---|---|
@@ -182,6 +182,23 @@ def row(name: str, values: Floats) -> str:
     return f"| {name} | " + " | ".join(cells) + " |"
 
 
+def page(
+    found: dict[str, list[Floats]], covered: list[Floats], names: list[str], hours: float
+) -> str:
+    """Return the table of the runs so far."""
+    lines = [row(name, np.array(values)) for name, values in found.items()]
+    cells = " | ".join(f"{100 * b:.2f} %" for b in bound(round(hours * 3600.0 * RATE_HZ)))
+    lines.append(f"| bound | {cells} |")
+    share = [f"{int(np.nansum(c))} of {int(np.isfinite(c).sum())}" for c in np.array(covered).T]
+    counts = {name: names.count(name) for name in dict.fromkeys(names)}
+    chosen = ", ".join(f"{name} in {count}" for name, count in counts.items())
+    tail = (
+        f"\nOur 95 % intervals cover the white density in {share[0]} runs, the Gauss-Markov sigma\n"
+        f"in {share[1]}, its correlation time in {share[2]}.  Effects chosen: {chosen}.\n"
+    )
+    return HEAD.format(runs=len(names), hours=hours) + "\n".join(lines) + "\n" + tail
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=10)
@@ -210,19 +227,7 @@ def main() -> None:
         covered.append(held)
         names.append(effects)
         print(seed, rows, effects, f"{time.perf_counter() - begun:.0f} s", flush=True)
-    lines = [row(name, np.array(values)) for name, values in found.items()]
-    cells = " | ".join(f"{100 * b:.2f} %" for b in bound(n))
-    lines.append(f"| bound | {cells} |")
-    share = [f"{int(np.nansum(c))} of {int(np.isfinite(c).sum())}" for c in np.array(covered).T]
-    counts = {name: names.count(name) for name in dict.fromkeys(names)}
-    chosen = ", ".join(f"{name} in {count}" for name, count in counts.items())
-    tail = (
-        f"\nOur 95 % intervals cover the white density in {share[0]} runs, the Gauss-Markov sigma\n"
-        f"in {share[1]}, its correlation time in {share[2]}.  Effects chosen: {chosen}.\n"
-    )
-    options.output.write_text(
-        HEAD.format(runs=options.runs, hours=options.hours) + "\n".join(lines) + "\n" + tail
-    )
+        options.output.write_text(page(found, covered, names, options.hours))
 
 
 if __name__ == "__main__":

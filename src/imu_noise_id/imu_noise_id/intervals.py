@@ -12,7 +12,7 @@ from imu_noise_id.whittle import Fit, fit, log_covariance, parameter_vector, wit
 QUANTILE = float(ndtri(0.975))
 DROP = 0.5 * QUANTILE**2
 ONE_SIDED_DROP = 0.5 * float(ndtri(0.95)) ** 2
-PROFILE_FROM = 0.30
+PROFILE_FROM = 0.15
 LONGEST = 14.0
 MOST_PROFILED = 6
 """Effects beyond which a profile costs more than it tells."""
