@@ -9,6 +9,7 @@ it is ever executed.
 from __future__ import annotations
 
 import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -23,6 +24,10 @@ from imu_noise_id.files import replacing
 from imu_noise_id.longrun import LongRun
 
 FORMAT = "checkpoint/1"
+_DAMAGED = (
+    *(OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error),
+    *(NotImplementedError, RuntimeError),  # what zipfile says of other compressions and of ciphers
+)
 
 
 @dataclass(frozen=True)
@@ -59,14 +64,14 @@ def load_checkpoint(path: Path | str) -> Checkpoint:
         When it is missing, damaged or not a checkpoint.
     """
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with open(path, "rb") as stream, np.lib.npyio.NpzFile(stream) as arrays:
             if str(arrays["format"]) != FORMAT:
                 raise InputError(f"{path}: not a {FORMAT} file: name another or remove it")
             names = sorted({key.split(".")[0] for key in arrays if "." in key})
             topics = tuple(_columns(n, arrays) for n in names if n.startswith("topic"))
             runs = tuple(_run(n, arrays) for n in names if n.startswith("before"))
             return Checkpoint(topics, runs)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except _DAMAGED as error:
         raise InputError(
             f"{path}: no checkpoint can be read from it ({error}): remove it or name another"
         ) from error

@@ -352,6 +352,10 @@ def _read_estimate(node: Node, effect: str, parameter: Parameter, channel_name: 
         keys[key].number(f"{what} {key}") if _given(keys, key) else None
         for key in ("std_error", "lower", "upper")
     )
+    if std_error is not None and std_error < 0.0:
+        raise keys["std_error"].error(f"{what} std_error must be 0 or more, not {std_error:g}")
+    if lower is not None and upper is not None and lower > upper:
+        raise keys["lower"].error(f"{what}: lower {lower:g} is above upper {upper:g}")
     return Estimate(value, std_error, lower, upper, unit)
 
 

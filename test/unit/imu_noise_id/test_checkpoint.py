@@ -58,3 +58,22 @@ def test_a_place_that_cannot_be_written_leaves_nothing_behind(tmp_path: Path) ->
     with pytest.raises(InputError, match="cannot be written"):
         save_checkpoint(some(np.random.default_rng(1)), tmp_path / "file")
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("at", [6, 8])
+def test_a_compression_or_cipher_that_zip_files_may_have_is_refused(tmp_path, at):
+    path = tmp_path / "checkpoint"
+    save_checkpoint(Checkpoint(()), path)
+    data = bytearray(path.read_bytes())
+    for head, offset in ((b"PK\x03\x04", at), (b"PK\x01\x02", at + 2)):
+        data[data.index(head) + offset] = 99
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="no checkpoint can be read"):
+        load_checkpoint(path)
+
+
+def test_one_array_by_itself_is_no_checkpoint(tmp_path):
+    path = tmp_path / "array.npy"
+    np.save(path, np.zeros(3))
+    with pytest.raises(InputError, match="no checkpoint can be read"):
+        load_checkpoint(path)

@@ -41,7 +41,7 @@ def test_every_float_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     for _ in range(50):
         numbers = [_awkward(rng) for _ in range(4)]
-        estimate = Estimate(*numbers, "rad/s/sqrt(Hz)")
+        estimate = Estimate(*numbers[:2], *sorted(numbers[2:]), "rad/s/sqrt(Hz)")
         model = NoiseModel(
             (
                 ChannelModel(
@@ -132,6 +132,20 @@ WRONG = [
         _typed("      - name: white_noise\n        parameters: {density: {value: 1, unit: deg}}\n"),
         6,
         "rad/s/sqrt(Hz)",
+    ),
+    (
+        _typed(
+            "      - name: white_noise\n        parameters: {density: {value: 1,\n std_error: -1}}"
+        ),
+        7,
+        "0 or more",
+    ),
+    (
+        _typed(
+            "      - name: white_noise\n        parameters: {density: {value: 1, lower: 2,\n upper: 1}}"
+        ),
+        6,
+        "above upper",
     ),
     (_typed(EFFECT) + "    log_covariance: [[1, 2]]\n", 7, "square"),
     (_typed(EFFECT) + "    bounds: [{name: white_noise}]\n", 7, "parameter"),

@@ -86,6 +86,8 @@ def _sections(nodes: dict[str, Node], before: str = "") -> Iterator[tuple[str, N
             yield before, node
         elif isinstance(node.value, dict):
             yield from _sections(node.value, f"{before.rstrip('/')}/{key.lstrip('/')}")
+        else:
+            raise node.error(f"'{key}' is no section: a node's parameters stand in '{_SECTION}'")
 
 
 def _is_known(parameter: str, known: dict[str, Setting]) -> bool:
