@@ -44,6 +44,8 @@ __all__ = ["AllanCurve", "allan", "allan_exact", "curve", "degrees_of_freedom", 
 
 Integers = NDArray[np.int64]
 
+ENOUGH = 1 << 16
+STRETCH = 1 << 13
 PHASE_SHARE = 0.1
 """Part of the variance due to quantization and lines from which a stride of m/16 is too coarse."""
 
@@ -275,12 +277,14 @@ def _phase_share(sums: _Sums) -> Floats:
 
 def _dense(series: Series, m: Integers) -> _Sums:
     """Mean squared differences that start at every sample."""
-    centre = series.mean if series.observed.any() else 0.0
     if series.complete:
-        prefix = _running_sum(series.values, centre)
-        square = np.array([_whole_squares(prefix, factor) / factor**2 for factor in m])
+        # only digits depend on the centre: a mean of some samples is as good as that of all
+        some = series.values[:: 1 + series.values.size // ENOUGH]
+        prefix = _running_sum(series.values, float(np.mean(some)))
+        square = _whole_squares(prefix, m) / m.astype(np.float64) ** 2
         used, excess = np.maximum(series.values.size - 2 * m + 1, 0), np.zeros(m.size)
     else:
+        centre = series.mean if series.observed.any() else 0.0
         prefixes = _running_sums(series.values, series.observed, centre)
         rows = np.array([_masked_squares(prefixes, factor) for factor in m]).reshape(-1, 3)
         square, excess, used = rows.T
@@ -356,14 +360,22 @@ def _running_sums(values: Floats, observed: Mask, centre: float) -> Floats:
 
 
 @numba.njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
-def _whole_squares(prefix: Floats, m: int) -> float:
-    """Sum of squared differences of adjacent window sums, nothing missing."""
-    left, middle, right = prefix, prefix[m:], prefix[2 * m :]
-    square = 0.0
-    for i in range(right.size):
-        difference = right[i] - 2.0 * middle[i] + left[i]
-        square += difference * difference
-    return square
+def _whole_squares(prefix: Floats, factors: Integers) -> Floats:
+    """Sums of squared differences of adjacent window sums, nothing missing, (t,).
+
+    All factors go over a stretch of the record before the next, while it is in the cache.
+    """
+    squares = np.zeros(factors.size)
+    for begin in range(0, prefix.size, STRETCH):
+        for j in range(factors.size):
+            m = factors[j]
+            end = min(begin + STRETCH, prefix.size - 2 * m)
+            square = 0.0
+            for i in range(begin, end):
+                difference = prefix[i + 2 * m] - 2.0 * prefix[i + m] + prefix[i]
+                square += difference * difference
+            squares[j] += square
+    return squares
 
 
 @numba.njit(cache=True)

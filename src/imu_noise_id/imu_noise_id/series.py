@@ -38,7 +38,7 @@ class Series:
     @property
     def mean(self) -> float:
         """Mean of the observed samples, summed about the first of them to keep digits."""
-        seen = self.values[self.observed]
+        seen = self.values if self.complete else self.values[self.observed]
         return float(seen[0] + np.mean(seen - seen[0]))
 
     @property
