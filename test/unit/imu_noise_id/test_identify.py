@@ -32,6 +32,14 @@ def test_number_of_workers_does_not_matter():
         assert (a.effects, a.bounds, a.mean) == (b.effects, b.bounds, b.mean)
 
 
+def test_it_tells_of_every_channel_that_is_through():
+    rng = np.random.default_rng(64)
+    axes = {f"angular_velocity.{a}": white(2000, rng) for a in "xyz"}
+    told = []
+    identify_recording(recording(axes), 2, told.append)
+    assert sorted(told) == sorted(axes)
+
+
 def test_unit_scales_the_model():
     values = white(N, np.random.default_rng(62)) + walk(N, np.random.default_rng(63), 0.5)
     one = identify_recording(recording({"angular_velocity.x": values}), 1).channels[0]
