@@ -102,10 +102,10 @@ def _timing(columns: TopicColumns) -> Timing:
     """Stamps in order; samples of one batch get stamps of their own first."""
     stamp_ns = columns.stamp_ns
     if not (stamp_ns[1:] == stamp_ns[:-1]).any():
-        return examine(stamp_ns)
+        return examine(stamp_ns, columns.log_ns)
     changes = (columns.values[:, 1:] != columns.values[:, :-1]).any(axis=0)
     spread, notes = spread_batches(stamp_ns, np.concatenate(([True], changes)))
-    timing = examine(spread)
+    timing = examine(spread, columns.log_ns)
     return replace(timing, notes=(*notes, *timing.notes))
 
 

@@ -4,9 +4,9 @@ A stamp is ``t_k = t_0 + dt c_k + jitter``, with whole numbers ``c_k``, the *cel
 grid.  A gap is a jump of ``c_k`` by more than one that lasts; jitter is a jump that comes back at
 once, and a stall of the sender (samples stamped late, then in a burst) one that comes back within
 seconds.
-Clock steps (a stamp that jumps back by more than a second and goes on from there, or ahead by more
-than a day) are no passage of time: what follows a step is put one missing sample behind what
-precedes it, and a note says so.
+Clock steps (a stamp that jumps back by more than half a second and goes on from there, ahead by
+more than a day, or ahead by half a second and twice as far as the time of reception) are no passage
+of time: what follows a step is put one missing sample behind what precedes it, and a note says so.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from imu_noise_id.recording import Floats, Mask, Stamps
 
 Cells = NDArray[np.int64]
 
-STEP_BACK_NS = 1_000_000_000
+STEP_BACK_NS = 500_000_000
 STEP_AHEAD_NS = 86_400_000_000_000
 STRAY_SAMPLES = 3
 """As many samples with stamps far off, between samples that join up, are strays, not a step."""
@@ -29,6 +29,7 @@ GRID_CELLS = 1 << 22
 """A grid has no more than this many cells (and `GRID_CELLS_PER_SAMPLE` for each sample)."""
 _WINDOW = 11
 _LONGEST_WINDOW = 1001
+_AROUND = 200
 _BATCHED = 0.9
 """Of the messages, twice the share that has the stamp of the one before: all in batches of two."""
 _LONGEST_STALL_NS = 10_000_000_000
@@ -70,19 +71,21 @@ class Timing:
     notes: tuple[str, ...] = ()
 
 
-def examine(stamp_ns: Stamps) -> Timing:
+def examine(stamp_ns: Stamps, log_ns: Stamps | None = None) -> Timing:
     """Put stamps in order and describe them.
 
     Parameters
     ----------
     stamp_ns : (m,) int64
         In the order of reception.
+    log_ns : (m,) int64, optional
+        Times of reception, which tell a clock set ahead from a gap.
 
     Returns
     -------
     Timing
     """
-    joined, stray, notes = join_clock_steps(stamp_ns)
+    joined, stray, notes = join_clock_steps(stamp_ns, log_ns)
     if joined.size == 0 < stamp_ns.size:
         kept = np.zeros(stamp_ns.size, dtype=bool)
         return Timing(kept, joined, 0.0, 0.0, 0, 0, 0, stamp_ns.size, tuple(notes))
@@ -151,16 +154,20 @@ def spread_batches(stamp_ns: Stamps, fresh: Mask) -> tuple[Stamps, tuple[str, ..
     return stamp_ns - np.rint(back).astype(np.int64), (note,)
 
 
-def join_clock_steps(stamp_ns: Stamps) -> tuple[Stamps, Mask | None, list[str]]:
+def join_clock_steps(
+    stamp_ns: Stamps, log_ns: Stamps | None = None
+) -> tuple[Stamps, Mask | None, list[str]]:
     """Stamps without clock steps, which samples are strays, and notes.
 
-    Neighbours more than a second apart divide the stamps into runs; a run of a few samples whose
+    Neighbours more than half a second apart divide the stamps into runs; a run of a few samples whose
     neighbours join up without it is stray.  No stamps are returned where the clock is set so often
     that they are no times.
     """
     steps = np.diff(stamp_ns)
     far = (steps < -STEP_BACK_NS) | (steps > STEP_BACK_NS)
-    if not (far & ((steps < 0) | (steps > STEP_AHEAD_NS))).any():
+    places = np.flatnonzero(far)
+    passed = steps[places] if log_ns is None else log_ns[places + 1] - log_ns[places]
+    if not _is_step(steps[places], passed).any():
         return stamp_ns, None, []
     begin = np.concatenate(([0], np.flatnonzero(far) + 1))
     end = np.append(begin[1:], stamp_ns.size)
@@ -170,7 +177,8 @@ def join_clock_steps(stamp_ns: Stamps) -> tuple[Stamps, Mask | None, list[str]]:
         stray[begin[k] : end[k]] = True
     begin, end = begin[good], end[good]
     jump = stamp_ns[begin[1:]] - stamp_ns[end[:-1] - 1]
-    stepped = (jump < 0) | (jump > STEP_AHEAD_NS)
+    passed = jump if log_ns is None else _passed(stamp_ns, log_ns, end[:-1] - 1, begin[1:])
+    stepped = _is_step(jump, passed)
     count = int(stepped.sum())
     if count > 10 + stamp_ns.size // 100:
         return stamp_ns[:0], None, [f"the stamps jump {count} times: they are no times"]
@@ -189,6 +197,27 @@ def join_clock_steps(stamp_ns: Stamps) -> tuple[Stamps, Mask | None, list[str]]:
             "precedes"
         )
     return joined, stray, notes
+
+
+def _passed(stamp_ns: Stamps, log_ns: Stamps, last: Cells, first: Cells) -> Stamps:
+    """Time between the least delayed messages about each jump, as if they were its neighbours.
+
+    The neighbours themselves may have been delayed, and received together in the end.
+    """
+    passed = log_ns[first] - log_ns[last]
+    delay = log_ns - stamp_ns
+    jump = stamp_ns[first] - stamp_ns[last]
+    for k in np.flatnonzero((jump > 0) & _is_step(jump, passed)).tolist():
+        before = delay[max(int(last[k]) + 1 - _AROUND, 0) : int(last[k]) + 1].min()
+        passed[k] = jump[k] + delay[first[k] : first[k] + _AROUND].min() - before
+    return passed
+
+
+def _is_step(jump: Stamps, passed: Stamps) -> Mask:
+    """Whether jumps of the stamps are the clock's, given how much time passed meanwhile."""
+    ahead = (jump > STEP_AHEAD_NS) | ((jump > STEP_BACK_NS) & (passed < jump // 2))
+    found: Mask = (jump < 0) | ahead
+    return found
 
 
 def _without_strays(stamp_ns: Stamps, begin: Cells, end: Cells) -> Mask:

@@ -205,3 +205,22 @@ def test_messages_that_came_twice_and_stamps_that_froze_are_not_spread(even):
     frozen = even.copy()
     frozen[5000:6000] = frozen[5000]
     assert stamps.spread_batches(frozen, np.ones(COUNT, bool))[1] == ()
+
+
+@pytest.mark.parametrize("seconds", [1, 3600])
+def test_a_clock_set_ahead_is_told_from_a_gap_by_the_time_of_reception(even, seconds):
+    received = even.copy()
+    even[COUNT // 2 :] += seconds * SECOND
+    timing = stamps.examine(even, received)
+    assert (timing.gaps, timing.missing) == (1, 1)
+    assert f"by up to +{seconds}" in timing.notes[0]
+    assert stamps.examine(even, even).missing == 200 * seconds
+
+
+def test_what_a_stalled_link_lost_is_a_gap_and_no_step_of_the_clock(even):
+    present = np.ones(COUNT, dtype=bool)
+    present[10_000:10_200] = False  # lost in the middle of a second's stall
+    received = even.copy()
+    received[9900:10_300] = even[10_300]
+    timing = stamps.examine(even[present], received[present])
+    assert (timing.gaps, timing.missing, timing.notes) == (1, 200, ())
