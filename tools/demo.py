@@ -65,10 +65,13 @@ def run(*words: str) -> str:
     return line
 
 
-def play_live() -> Heard:
-    """Play the recording into a live node and take its model."""
+def play_live(log: Path) -> Heard:
+    """Play the recording into a live node, which writes to a log, and take its model."""
     print("make demo: ros2 run imu_noise_id identify       (live, in the background)", flush=True)
-    program = subprocess.Popen(["ros2", "run", "imu_noise_id", "identify"], stderr=subprocess.PIPE)
+    with log.open("wb") as stream:
+        program = subprocess.Popen(
+            ["ros2", "run", "imu_noise_id", "identify"], stdout=stream, stderr=subprocess.STDOUT
+        )
     rclpy.init()
     node = Node("demo")
     try:
@@ -79,7 +82,7 @@ def play_live() -> Heard:
         )
         client = node.create_client(Identify, "/identify/identify")
         if not client.wait_for_service(PATIENCE_S):
-            sys.exit("make demo: the live node did not start")
+            sys.exit(f"make demo: the live node did not start (its words: {log})")
         run("nav_fusion", "play", "--bag", BAG, "--rate", str(SPEED), "--topics", "/imu/data")
         print("make demo: asking the live node for its model", flush=True)
         future = client.call_async(Identify.Request())
@@ -254,7 +257,7 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     at = {n: str(folder / n) for n in ("identified", "hidden", "reconciled", "fused", "budget")}
     model, hidden = f"{at['identified']}/model.yaml", folder / "hidden.yaml"
-    heard = play_live()
+    heard = play_live(folder / "live.log")
     identified = run("imu_noise_id", "identify", "--bag", BAG, "--output", at["identified"])
     hide(Path(model), hidden)
     run("imu_noise_id", "simulate", "--model", str(hidden), "--duration", str(HIDDEN_S),
