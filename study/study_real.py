@@ -31,13 +31,20 @@ ACCEL_COUNT = 9.80665 / 16384.0
 GYRO_COUNT = np.deg2rad(0.035)
 """The railway's scale of the gyro is not known; the data sheet's for 1000 deg/s."""
 
+GOAL = 0.9
+
 HEAD = """# Identification on real recordings
 
 Written by `study/study_real.py` from the recordings of `../shared/data` (not part of the project),
-each written into a bag and read back.  *Inside* is the share of averaging times at which the
-model's Allan deviation lies in the measured 95 % interval; the last column says where it
-leaves it furthest.
+each written into a bag and read back; handled recordings count on their longest rest.  *Inside*
+is the share of averaging times at which the model's Allan deviation lies in the measured 95 %
+interval; the last column says where it leaves it furthest.  The intervals hold one averaging time
+at a time, and neighbouring ones are far from independent: the true law of a simulated record has
+nine tenths of its times inside in 78 to 97 % of records (200 records each of white noise, walks,
+Gauss-Markov and narrow bands of 465 to 20 000 samples; a band of 2/T, 55 to 80 %), so that about
+one channel in six fails by chance.
 
+{summary}
 | recording | channel | still s | effects | inside | worst misfit |
 |---|---|---|---|---|---|
 """
@@ -77,21 +84,33 @@ def inside(result: ChannelResult) -> tuple[float, str]:
     return float(np.mean(good)), where
 
 
-def rows(path: Path, name: str) -> list[str]:
-    """Table rows of one bag."""
+def rows(path: Path, name: str) -> tuple[list[str], list[float]]:
+    """Table rows of one bag, and the shares inside of its channels that have a model."""
+    shares: list[float] = []
     begun = time.perf_counter()
     found = identify_recording(read_recording(path))
     print(f"{name}: {time.perf_counter() - begun:.1f} s", *found.notes, flush=True)
     out = []
     for result in found.channels:
         share, where = inside(result)
+        shares.append(share)
         effects = ", ".join(f.name for f in result.model.effects) or "none"
         still_s = result.series.observed.sum() * result.series.sample_time_s
         shown = "" if np.isnan(share) else f"{share:.2f}"
         row = (name, result.channel.name, f"{still_s:.1f}", effects, shown, where)
         out.append("| " + " | ".join(row) + " |")
         print(out[-1], flush=True)
-    return out
+    return out, [share for share in shares if not np.isnan(share)]
+
+
+def summary(shares: dict[str, list[float]]) -> str:
+    """How many channels of each source have nine tenths inside."""
+    lines = ["| source | channels inside |", "|---|---|"]
+    groups = {**shares, "all": [x for group in shares.values() for x in group]}
+    for name, group in groups.items():
+        good = sum(x >= GOAL for x in group)
+        lines.append(f"| {name} | {good} of {len(group)} |" if group else f"| {name} | moved |")
+    return "\n".join(lines) + "\n"
 
 
 def main() -> None:
@@ -101,13 +120,16 @@ def main() -> None:
     options = parser.parse_args()
     if not DATA.is_dir():
         sys.exit(f"{DATA}: missing, nothing to do")
-    table = []
+    table, shares = [], {}
     with tempfile.TemporaryDirectory() as folder:
         for source in sorted(DATA.glob("*.npz")):
             if any(source.stem.startswith(only) for only in options.only):
                 for path in bags(source, Path(folder)):
-                    table += rows(path, path.name)
-    options.output.write_text(HEAD + "\n".join(table) + "\n")
+                    more, inside_of = rows(path, path.name)
+                    table += more
+                    shares.setdefault(source.stem, []).extend(inside_of)
+    head = HEAD.format(summary=summary(shares))
+    options.output.write_text(head + "\n".join(table) + "\n")
 
 
 if __name__ == "__main__":
