@@ -26,6 +26,7 @@ from imu_noise_id.recording import Channel, Floats, Mask
 CERTAIN_Z = 60.0
 SAME_STEP = 0.03
 LEAST_HELD_SAMPLES = 64
+MOST_OF_ALL = 0.5
 JITTER_RESOLUTION_S = 1e-6
 TAIL_BANDS = (2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 
@@ -223,6 +224,8 @@ def find_hits(white: Floats) -> Hits:
     if count == 0:
         return none
     rate, scale = outlier_parameters(unit[first], white.size, 1.0)
+    if rate > MOST_OF_ALL:
+        return none  # no few among many: another distribution, which the amplitudes show
     expected = white.size * 2.0 * ndtr(-THRESHOLD)
     many = 1.0 - gammaincc(count, expected)
     far = min(white.size * 2.0 * ndtr(-float(np.abs(unit).max())), 1.0)

@@ -24,6 +24,7 @@ VERSION = 3
 SIMULATIONS = 900
 TAIL_FROM = 0.90
 LENGTHS_PER_OCTAVE = 6
+LEAST_LOG_P = -1e6
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class Null:
 
 
 def z_of(log_p: float) -> float:
-    """Standard deviations whose two-sided tail has this logarithm."""
+    """Standard deviations whose two-sided tail has this logarithm, 1400 at most."""
+    log_p = max(log_p, LEAST_LOG_P)
     if log_p > -700.0:
         return float(-ndtri(0.5 * np.exp(min(log_p, 0.0))))
     z = np.sqrt(-2.0 * log_p)

@@ -44,6 +44,7 @@ TYPED_STD_ERROR = 0.002
 ten minutes at 200 Hz tell of a white level."""
 WIDEST_STD_ERROR = 3.0
 ITERATIONS = 40
+LONGEST_STEP = 1.5
 PROMISE = 1e-3
 """Nats left to gain at which a fit stops."""
 
@@ -365,8 +366,25 @@ def _step(
         return step, 0.0
     J = information(spectrum.tangent[move], ordinates.dof) + curvature[np.ix_(move, move)]
     scale = np.maximum(np.diag(J), 1e-6)
-    step[move] = np.linalg.solve(J + np.diag((damping + 1e-9) * scale), slope[move])
-    longest = float(np.abs(step).max())
-    if longest > 1.5:
-        step *= 1.5 / longest
+    damped = J + np.diag((damping + 1e-9) * scale)
+    step[move] = _bounded(damped, slope[move])
     return step, float(slope @ step)
+
+
+def _bounded(curvature: Floats, slope: Floats) -> Floats:
+    """Solve for a step of at most ``LONGEST_STEP`` in any parameter.
+
+    Those that would go farther go that far and the others make the best of it: scaled down
+    altogether, a parameter that nothing holds would keep the others where they are.
+    """
+    whole: Floats = np.linalg.solve(curvature, slope)
+    far = np.abs(whole) > LONGEST_STEP
+    if not far.any():
+        return whole
+    step = np.clip(whole, -LONGEST_STEP, LONGEST_STEP)
+    near = ~far
+    pull = slope[near] - curvature[np.ix_(near, far)] @ step[far]
+    rest = np.linalg.solve(curvature[np.ix_(near, near)], pull)
+    step[near] = np.clip(rest, -LONGEST_STEP, LONGEST_STEP)
+    uphill = float(slope @ step) > 0.0
+    return step if uphill else np.asarray(whole * (LONGEST_STEP / float(np.abs(whole).max())))

@@ -1,4 +1,4 @@
-"""What a given model leaves open: intervals, typed values, drift that its recording did not show."""
+"""What a given model leaves open: intervals, typed values, drift that was too short to show."""
 
 from __future__ import annotations
 
