@@ -46,6 +46,9 @@ class VarianceChange(TransformEffect):
         return np.where(within, np.sqrt(self.ratio) * values, values)
 
 
+SILENT = 1e-12
+
+
 def variance_scan(white: Floats, blocks: int = 256) -> tuple[int, int, float, float]:
     """Most likely window of another variance in white samples.
 
@@ -82,6 +85,8 @@ def variance_scan(white: Floats, blocks: int = 256) -> tuple[int, int, float, fl
     outside = total[-1] - inside
     v_in, v_out = inside / m_in, outside / (m_all - m_in)
     v_all = total[-1] / m_all
+    least = max(SILENT * v_all, np.finfo(float).tiny)  # a window of equal samples has no variance
+    v_in, v_out, v_all = np.maximum(v_in, least), np.maximum(v_out, least), max(v_all, least)
     gain = 0.5 * (m_all * np.log(v_all) - m_in * np.log(v_in) - (m_all - m_in) * np.log(v_out))
     best = int(np.argmax(gain))
     return (
