@@ -40,7 +40,7 @@ each written into a bag and read back; handled recordings count on their longest
 is the share of averaging times at which the model's Allan deviation lies in the measured 95 %
 interval; the last column says where it leaves it furthest.  The intervals hold one averaging time
 at a time, and neighbouring ones are far from independent: the true law of a simulated record has
-nine tenths of its times inside in 78 to 97 % of records (200 records each of white noise, walks,
+nine tenths of its times inside in 78 to 92 % of records (200 records each of white noise, walks,
 Gauss-Markov and narrow bands of 465 to 20 000 samples; a band of 2/T, 55 to 80 %), so that about
 one channel in six fails by chance.
 
