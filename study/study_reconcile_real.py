@@ -2,8 +2,8 @@
 
 Writes ``docs/study_reconcile_real.md``.  The rest of every recording of ``../shared/data`` is cut
 in two.  The model is a hand-typed one: white noise of the level by which neighbours
-differ.  The first part says what is missing; the second part is asked the same, and whether it agrees with
-what the first part made of the model.
+differ.  The first part says what is missing; the second part is asked the same, and whether it
+agrees with what the first part made of the model.
 
     python study/study_reconcile_real.py
 """

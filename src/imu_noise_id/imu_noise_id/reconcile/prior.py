@@ -381,7 +381,7 @@ def _bounded(curvature: Floats, slope: Floats) -> Floats:
     far = np.abs(whole) > LONGEST_STEP
     if not far.any():
         return whole
-    step = np.clip(whole, -LONGEST_STEP, LONGEST_STEP)
+    step: Floats = np.asarray(np.clip(whole, -LONGEST_STEP, LONGEST_STEP))
     near = ~far
     pull = slope[near] - curvature[np.ix_(near, far)] @ step[far]
     rest = np.linalg.solve(curvature[np.ix_(near, near)], pull)
