@@ -377,7 +377,7 @@ def _bounded(curvature: Floats, slope: Floats) -> Floats:
     Those that would go farther go that far and the others make the best of it: scaled down
     altogether, a parameter that nothing holds would keep the others where they are.
     """
-    whole: Floats = np.linalg.solve(curvature, slope)
+    whole = np.asarray(np.linalg.solve(curvature, slope), dtype=np.float64)
     far = np.abs(whole) > LONGEST_STEP
     if not far.any():
         return whole
