@@ -87,7 +87,7 @@ def _run(name: str, arrays: np.lib.npyio.NpzFile) -> LongRun:
     parts: dict[str, Any] = {f.name: arrays[f"{name}.{f.name}"] for f in fields(LongRun)}
     for key, kind in (("topic", str), ("type", str), ("block_s", float), ("most", int)):
         parts[key] = kind(parts[key])
-    for key in ("start_ns", "elapsed_ns", "newest_ns"):
+    for key in ("start_ns", "elapsed_ns", "newest_ns", "newest_log_ns"):
         parts[key] = int(parts[key])
     parts["frame_ids"] = frozenset(parts["frame_ids"].tolist())
     sums, counts, centre = parts["sums"], parts["counts"], parts["centre"]

@@ -17,10 +17,10 @@ from imu_noise_id import cdr
 from imu_noise_id.cdr import LAYOUTS
 from imu_noise_id.columns import TopicColumns
 from imu_noise_id.recording import Floats, Mask, Stamps
+from imu_noise_id.stamps import onward
 
 MOST = 1 << 17
 FIRST_BLOCK_S = 1.0
-_LONGEST_STEP_NS = 86_400_000_000_000
 _AVERAGED = {cdr.IMU: 6, cdr.TEMPERATURE: 1}
 _OTHERS = 3
 _WHOLE = 0.5
@@ -58,6 +58,7 @@ class LongRun:
     counts: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     centre: Floats = field(default_factory=lambda: np.empty(0))
     newest_ns: int = 0
+    newest_log_ns: int = 0
 
     @property
     def empty(self) -> bool:
@@ -71,14 +72,15 @@ class LongRun:
         if not usable.any():
             return
         times = columns.stamp_ns if columns.stamp_ns.any() else columns.log_ns
-        rows, times = rows[:, usable], times[usable]
+        rows, times, log_ns = rows[:, usable], times[usable], columns.log_ns[usable]
         if self.start_ns is None:
             self.start_ns = self.newest_ns = int(times[0])
+            self.newest_log_ns = int(log_ns[0])
             self.centre = rows[:, 0].copy()
             self.sums = np.zeros((rows.shape[0], 1))
             self.counts = np.zeros(1, np.int64)
         self.frame_ids |= columns.frame_ids
-        self._add(rows - self.centre[:, np.newaxis], self._elapsed(times))
+        self._add(rows - self.centre[:, np.newaxis], self._elapsed(times, log_ns))
 
     def columns(self) -> TopicColumns:
         """The block averages as messages of the topic, stamped at the middles of their blocks."""
@@ -93,12 +95,13 @@ class LongRun:
         stamp_ns = self.start_ns + np.rint(middles).astype(np.int64)
         return TopicColumns(self.topic, self.type, stamp_ns, stamp_ns, values, self.frame_ids)
 
-    def _elapsed(self, times: Stamps) -> Stamps:
+    def _elapsed(self, times: Stamps, log_ns: Stamps) -> Stamps:
         """Time since the start of each sample, in nanoseconds, never running backwards."""
         steps = np.diff(times, prepend=self.newest_ns)
-        onward = np.where((steps > 0) & (steps < _LONGEST_STEP_NS), steps, 0)
-        elapsed: Stamps = self.elapsed_ns + np.cumsum(onward)
+        passed = np.diff(log_ns, prepend=self.newest_log_ns)
+        elapsed: Stamps = self.elapsed_ns + np.cumsum(onward(steps, passed))
         self.newest_ns, self.elapsed_ns = int(times[-1]), int(elapsed[-1])
+        self.newest_log_ns = int(log_ns[-1])
         return elapsed
 
     def _add(self, rows: Floats, elapsed_ns: Stamps) -> None:

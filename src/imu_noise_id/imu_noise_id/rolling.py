@@ -14,9 +14,9 @@ import numpy as np
 from imu_noise_id.cdr import LAYOUTS, Decoded
 from imu_noise_id.columns import ColumnBuffer, TopicColumns
 from imu_noise_id.recording import Stamps
+from imu_noise_id.stamps import onward
 
 BLOCK = 512
-_LONGEST_STEP_NS = 86_400_000_000_000
 
 
 @dataclass
@@ -48,7 +48,7 @@ class RollingColumns:
         self._blocks: deque[_Block] = deque()
         self._held = 0
         self._span_ns = 0
-        self._newest_ns: int | None = None
+        self._newest: tuple[int, int] | None = None
         self._invalid = 0
 
     @property
@@ -111,7 +111,7 @@ class RollingColumns:
         if not stamp_ns.size:
             return 0
         times = stamp_ns if stamp_ns.any() else log_ns
-        before = times[0] if self._newest_ns is None else self._newest_ns
-        self._newest_ns = int(times[-1])
-        steps = np.diff(times, prepend=before)
-        return int(steps[(steps > 0) & (steps < _LONGEST_STEP_NS)].sum())
+        before, log_before = self._newest or (int(times[0]), int(log_ns[0]))
+        self._newest = int(times[-1]), int(log_ns[-1])
+        steps, passed = np.diff(times, prepend=before), np.diff(log_ns, prepend=log_before)
+        return int(onward(steps, passed).sum())

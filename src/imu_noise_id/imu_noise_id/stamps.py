@@ -30,6 +30,7 @@ GRID_CELLS = 1 << 22
 _WINDOW = 11
 _LONGEST_WINDOW = 1001
 _AROUND = 200
+_MINUTE_NS = 60_000_000_000
 _BATCHED = 0.9
 """Of the messages, twice the share that has the stamp of the one before: all in batches of two."""
 _LONGEST_STALL_NS = 10_000_000_000
@@ -159,14 +160,17 @@ def join_clock_steps(
 ) -> tuple[Stamps, Mask | None, list[str]]:
     """Stamps without clock steps, which samples are strays, and notes.
 
-    Neighbours more than half a second apart divide the stamps into runs; a run of a few samples whose
-    neighbours join up without it is stray.  No stamps are returned where the clock is set so often
-    that they are no times.
+    Neighbours more than half a second apart divide the stamps into runs; a run of a few samples
+    whose neighbours join up without it is stray.  No stamps are returned where the clock is set so
+    often that they are no times.
     """
     steps = np.diff(stamp_ns)
     far = (steps < -STEP_BACK_NS) | (steps > STEP_BACK_NS)
     places = np.flatnonzero(far)
-    passed = steps[places] if log_ns is None else log_ns[places + 1] - log_ns[places]
+    pace = np.inf if log_ns is None or not places.size else max(_pace(stamp_ns, log_ns), 1.0)
+    if log_ns is None or np.isinf(pace):
+        log_ns, pace = stamp_ns, 1.0  # no time of its own: a jump ahead is a gap
+    passed: Floats = pace * (log_ns[places + 1] - log_ns[places]).astype(np.float64)
     if not _is_step(steps[places], passed).any():
         return stamp_ns, None, []
     begin = np.concatenate(([0], np.flatnonzero(far) + 1))
@@ -177,7 +181,7 @@ def join_clock_steps(
         stray[begin[k] : end[k]] = True
     begin, end = begin[good], end[good]
     jump = stamp_ns[begin[1:]] - stamp_ns[end[:-1] - 1]
-    passed = jump if log_ns is None else _passed(stamp_ns, log_ns, end[:-1] - 1, begin[1:])
+    passed = pace * _passed(stamp_ns, log_ns, end[:-1] - 1, begin[1:]).astype(np.float64)
     stepped = _is_step(jump, passed)
     count = int(stepped.sum())
     if count > 10 + stamp_ns.size // 100:
@@ -199,6 +203,29 @@ def join_clock_steps(
     return joined, stray, notes
 
 
+def onward(steps: Stamps, passed: Stamps) -> Stamps:
+    """Steps from stamp to stamp that are passage of time; 0 for those that are not.
+
+    Steps back are not, nor steps of a day, nor of a minute while hardly any time passed (a
+    recording may be played a hundred times as fast).
+
+    Parameters
+    ----------
+    steps, passed : (n,) int64
+        Of the stamps, and of the times of reception.
+    """
+    jumps = (steps > STEP_AHEAD_NS) | ((steps > _MINUTE_NS) & (passed < steps // 100))
+    time: Stamps = np.where((steps > 0) & ~jumps, steps, 0)
+    return time
+
+
+def _pace(stamp_ns: Stamps, log_ns: Stamps) -> float:
+    """How much faster the stamps run than reception: a recording may be played at any rate."""
+    lag = max(min(100, stamp_ns.size // 4), 1)
+    received = float(np.median(log_ns[lag:] - log_ns[:-lag]))
+    return float(np.median(stamp_ns[lag:] - stamp_ns[:-lag])) / received if received > 0 else np.inf
+
+
 def _passed(stamp_ns: Stamps, log_ns: Stamps, last: Cells, first: Cells) -> Stamps:
     """Time between the least delayed messages about each jump, as if they were its neighbours.
 
@@ -207,13 +234,13 @@ def _passed(stamp_ns: Stamps, log_ns: Stamps, last: Cells, first: Cells) -> Stam
     passed = log_ns[first] - log_ns[last]
     delay = log_ns - stamp_ns
     jump = stamp_ns[first] - stamp_ns[last]
-    for k in np.flatnonzero((jump > 0) & _is_step(jump, passed)).tolist():
+    for k in np.flatnonzero((jump > 0) & (passed < jump // 2)).tolist():
         before = delay[max(int(last[k]) + 1 - _AROUND, 0) : int(last[k]) + 1].min()
         passed[k] = jump[k] + delay[first[k] : first[k] + _AROUND].min() - before
     return passed
 
 
-def _is_step(jump: Stamps, passed: Stamps) -> Mask:
+def _is_step(jump: Stamps, passed: Stamps | Floats) -> Mask:
     """Whether jumps of the stamps are the clock's, given how much time passed meanwhile."""
     ahead = (jump > STEP_AHEAD_NS) | ((jump > STEP_BACK_NS) & (passed < jump // 2))
     found: Mask = (jump < 0) | ahead

@@ -60,3 +60,13 @@ def test_zero_stamps_are_timed_by_reception() -> None:
     zeros, log_ns = np.zeros(1000, np.int64), 10**18 + np.arange(1000) * 10**7
     rolling.append(batch(zeros), log_ns)
     assert rolling.buffered_s == 9.99
+
+
+def test_a_clock_set_ahead_does_not_empty_the_buffer() -> None:
+    rolling = RollingColumns("/t", cdr.TEMPERATURE, 60.0, 10**6)
+    log_ns = 10**18 + np.arange(4000) * 10**7
+    for begin in range(0, 4000, 100):
+        part = log_ns[begin : begin + 100]
+        rolling.append(batch(part + (3600 * 10**9 if begin >= 2000 else 0)), part)
+    assert not rolling.full
+    assert rolling.size == 4000

@@ -224,3 +224,20 @@ def test_what_a_stalled_link_lost_is_a_gap_and_no_step_of_the_clock(even):
     received[9900:10_300] = even[10_300]
     timing = stamps.examine(even[present], received[present])
     assert (timing.gaps, timing.missing, timing.notes) == (1, 200, ())
+
+
+@pytest.mark.parametrize("rate", [0.5, 20.0])
+def test_a_recording_played_faster_or_slower_has_no_steps(even, rate):
+    present = np.ones(COUNT, dtype=bool)
+    present[9000:9400] = False
+    slow = START + SECOND * np.arange(500)
+    for stamp_ns, missing in ((even[present], 400), (slow, 0)):
+        received = START + ((stamp_ns - START) / rate).astype(np.int64)
+        timing = stamps.examine(stamp_ns, received)
+        assert (timing.missing, timing.notes) == (missing, ())
+
+
+def test_steps_of_the_clock_are_no_passage_of_time():
+    steps = np.array((5, -3600, 3600, 3600, 90_000)) * SECOND
+    passed = np.array((5, 1, 1, 180, 90_000)) * SECOND
+    np.testing.assert_array_equal(stamps.onward(steps, passed) // SECOND, (5, 0, 0, 3600, 0))
