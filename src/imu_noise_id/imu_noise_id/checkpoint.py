@@ -77,6 +77,14 @@ def load_checkpoint(path: Path | str) -> Checkpoint:
         ) from error
 
 
+def _member(arrays: np.lib.npyio.NpzFile, name: str) -> np.ndarray:
+    """Return an array of the file; what is no array comes as bytes."""
+    array = arrays[name]
+    if not isinstance(array, np.ndarray):
+        raise ValueError(f"{name} is no array")
+    return array
+
+
 def _array(value: object) -> np.ndarray:
     if isinstance(value, frozenset):
         return np.array(sorted(value), dtype=np.bytes_)
@@ -84,7 +92,7 @@ def _array(value: object) -> np.ndarray:
 
 
 def _run(name: str, arrays: np.lib.npyio.NpzFile) -> LongRun:
-    parts: dict[str, Any] = {f.name: arrays[f"{name}.{f.name}"] for f in fields(LongRun)}
+    parts: dict[str, Any] = {f.name: _member(arrays, f"{name}.{f.name}") for f in fields(LongRun)}
     for key, kind in (("topic", str), ("type", str), ("block_s", float), ("most", int)):
         parts[key] = kind(parts[key])
     for key in ("start_ns", "elapsed_ns", "newest_ns", "newest_log_ns"):
@@ -110,8 +118,7 @@ def _arrays(name: str, columns: TopicColumns) -> dict[str, np.ndarray]:
 
 def _columns(name: str, arrays: np.lib.npyio.NpzFile) -> TopicColumns:
     def get(part: str) -> np.ndarray:
-        array: np.ndarray = arrays[f"{name}.{part}"]
-        return array
+        return _member(arrays, f"{name}.{part}")
 
     msgtype = str(get("type"))
     stamp_ns, log_ns, values = get("stamp_ns"), get("log_ns"), get("values")

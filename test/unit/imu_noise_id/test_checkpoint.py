@@ -1,5 +1,6 @@
 """A checkpoint gives back what it was given, or one clear line."""
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -77,3 +78,14 @@ def test_one_array_by_itself_is_no_checkpoint(tmp_path):
     np.save(path, np.zeros(3))
     with pytest.raises(InputError, match="no checkpoint can be read"):
         load_checkpoint(path)
+
+
+def test_a_member_that_is_no_array_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "checkpoint"
+    save_checkpoint(some(np.random.default_rng(1)), path)
+    with zipfile.ZipFile(path) as whole, zipfile.ZipFile(tmp_path / "changed", "w") as changed:
+        for name in whole.namelist():
+            data = whole.read(name)
+            changed.writestr(name, data[1:] if name.startswith("topic0.stamp_ns") else data)
+    with pytest.raises(InputError, match="is no array"):
+        load_checkpoint(tmp_path / "changed")
