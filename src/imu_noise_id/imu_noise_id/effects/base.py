@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from imu_noise_id.ordinates import Residual
+from imu_noise_id.ordinates import LEAST_SCORE, Residual
 from imu_noise_id.recording import Floats
 
 
@@ -146,6 +146,33 @@ class StochasticEffect(Effect):
     @abstractmethod
     def simulate(self, n: int, sample_time_s: float, rng: np.random.Generator) -> Floats:
         """One realisation of n samples."""
+
+
+class StrengthEffect(StochasticEffect):
+    """Stochastic effect whose only parameter is its strength, S(f) = strength^2 law(f)."""
+
+    @staticmethod
+    @abstractmethod
+    def law(frequency_hz: Floats, sample_time_s: float) -> Floats:
+        """Two-sided PSD at strength 1, (n,)."""
+
+    @classmethod
+    def starts(cls, residual: Residual) -> tuple[StochasticEffect, ...]:
+        """One-step estimate of the strength."""
+        ordinates = residual.ordinates
+        shape = cls.law(ordinates.frequency_hz, ordinates.sample_time_s)[None]
+        amount, chi2 = residual.score(shape)
+        strength = {cls.parameters[0].name: float(np.sqrt(amount[0]))}
+        return (cls(**strength),) if chi2[0] > LEAST_SCORE else ()
+
+    def psd(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
+        """S(f) = strength^2 law(f)."""
+        strength = float(getattr(self, self.parameters[0].name))
+        return strength**2 * self.law(frequency_hz, sample_time_s)
+
+    def psd_gradient(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
+        """Return dS/d(log strength) = 2 S."""
+        return 2.0 * self.psd(frequency_hz, sample_time_s)[None]
 
 
 class CourseEffect(Effect):

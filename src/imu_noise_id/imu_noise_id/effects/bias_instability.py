@@ -9,15 +9,10 @@ from typing import ClassVar
 import numpy as np
 from scipy import fft
 
-from imu_noise_id.effects.base import Parameter, StateSpace, StochasticEffect
-from imu_noise_id.ordinates import LEAST_SCORE, Residual
+from imu_noise_id.effects.base import Parameter, StateSpace, StrengthEffect
 from imu_noise_id.recording import Floats
 
 MEMORIES_S = 10.0 ** np.arange(-1.0, 5.0)
-
-
-def _law(frequency_hz: Floats, sample_time_s: float) -> Floats:
-    return 0.5 * sample_time_s / np.sin(np.pi * sample_time_s * frequency_hz)
 
 
 @cache
@@ -34,7 +29,7 @@ def _allan_factor(m: float) -> float:
 
 
 @dataclass(frozen=True)
-class BiasInstability(StochasticEffect):
+class BiasInstability(StrengthEffect):
     """Half-integrated white noise (1 - z^-1)^(-1/2) of standard deviation B per sample.
 
     S(f) = B^2 dt/(2 sin(pi f dt)), near B^2/(2 pi f); the Allan deviation is flat at
@@ -53,21 +48,10 @@ class BiasInstability(StochasticEffect):
         Parameter("coefficient", "{u}", True, "B: flat Allan deviation over 0.664"),
     )
 
-    @classmethod
-    def starts(cls, residual: Residual) -> tuple[StochasticEffect, ...]:
-        """One-step estimate of B^2."""
-        ordinates = residual.ordinates
-        shape = _law(ordinates.frequency_hz, ordinates.sample_time_s)[None]
-        amount, chi2 = residual.score(shape)
-        return (cls(float(np.sqrt(amount[0]))),) if chi2[0] > LEAST_SCORE else ()
-
-    def psd(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
-        """S(f) = B^2 dt/(2 sin(pi f dt))."""
-        return self.coefficient**2 * _law(frequency_hz, sample_time_s)
-
-    def psd_gradient(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
-        """Return dS/d(log B) = 2 S."""
-        return 2.0 * self.psd(frequency_hz, sample_time_s)[None]
+    @staticmethod
+    def law(frequency_hz: Floats, sample_time_s: float) -> Floats:
+        """dt/(2 sin(pi f dt))."""
+        return 0.5 * sample_time_s / np.sin(np.pi * sample_time_s * frequency_hz)
 
     def allan_variance(self, tau_s: Floats, sample_time_s: float) -> Floats:
         """(2 ln 2/pi) B^2 where tau is many samples, the sampled integral below."""

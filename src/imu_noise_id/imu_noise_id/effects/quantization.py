@@ -7,17 +7,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from imu_noise_id.effects.base import Parameter, StateSpace, StochasticEffect
-from imu_noise_id.ordinates import LEAST_SCORE, Residual
+from imu_noise_id.effects.base import Parameter, StateSpace, StrengthEffect
 from imu_noise_id.recording import Floats
 
 
-def _law(frequency_hz: Floats, sample_time_s: float) -> Floats:
-    return (4.0 / sample_time_s) * np.sin(np.pi * sample_time_s * frequency_hz) ** 2
-
-
 @dataclass(frozen=True)
-class Quantization(StochasticEffect):
+class Quantization(StrengthEffect):
     """Difference of white noise; S(f) = (4 Q^2/dt) sin^2(pi f dt), Allan variance 3 Q^2/tau^2.
 
     IEEE Std 952, thesis (38)-(40).
@@ -35,21 +30,10 @@ class Quantization(StochasticEffect):
         Parameter("coefficient", "{u} s", True, "Q of the Allan plot: sqrt(3) Q at 1 s"),
     )
 
-    @classmethod
-    def starts(cls, residual: Residual) -> tuple[StochasticEffect, ...]:
-        """One-step estimate of Q^2."""
-        ordinates = residual.ordinates
-        shape = _law(ordinates.frequency_hz, ordinates.sample_time_s)[None]
-        amount, chi2 = residual.score(shape)
-        return (cls(float(np.sqrt(amount[0]))),) if chi2[0] > LEAST_SCORE else ()
-
-    def psd(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
-        """S(f) = (4 Q^2/dt) sin^2(pi f dt)."""
-        return self.coefficient**2 * _law(frequency_hz, sample_time_s)
-
-    def psd_gradient(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
-        """Return dS/d(log Q) = 2 S."""
-        return 2.0 * self.psd(frequency_hz, sample_time_s)[None]
+    @staticmethod
+    def law(frequency_hz: Floats, sample_time_s: float) -> Floats:
+        """(4/dt) sin^2(pi f dt)."""
+        return (4.0 / sample_time_s) * np.sin(np.pi * sample_time_s * frequency_hz) ** 2
 
     def allan_variance(self, tau_s: Floats, sample_time_s: float) -> Floats:
         """3 Q^2/tau^2, exact for sampled data."""

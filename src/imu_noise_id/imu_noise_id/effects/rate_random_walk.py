@@ -7,17 +7,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from imu_noise_id.effects.base import Parameter, StateSpace, StochasticEffect
-from imu_noise_id.ordinates import LEAST_SCORE, Residual
+from imu_noise_id.effects.base import Parameter, StateSpace, StrengthEffect
 from imu_noise_id.recording import Floats
 
 
-def _law(frequency_hz: Floats, sample_time_s: float) -> Floats:
-    return (0.5 * sample_time_s / np.sin(np.pi * sample_time_s * frequency_hz)) ** 2
-
-
 @dataclass(frozen=True)
-class RateRandomWalk(StochasticEffect):
+class RateRandomWalk(StrengthEffect):
     """x' = K w; sampled S(f) = K^2 dt^2/(4 sin^2(pi f dt)), near (K/(2 pi f))^2.
 
     Allan variance K^2 tau/3 (1 + dt^2/(2 tau^2)), the bracket for samples that do not average over
@@ -36,21 +31,10 @@ class RateRandomWalk(StochasticEffect):
         Parameter("coefficient", "{u}/sqrt(s)", True, "K: standard deviation after 1 s"),
     )
 
-    @classmethod
-    def starts(cls, residual: Residual) -> tuple[StochasticEffect, ...]:
-        """One-step estimate of K^2."""
-        ordinates = residual.ordinates
-        shape = _law(ordinates.frequency_hz, ordinates.sample_time_s)[None]
-        amount, chi2 = residual.score(shape)
-        return (cls(float(np.sqrt(amount[0]))),) if chi2[0] > LEAST_SCORE else ()
-
-    def psd(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
-        """S(f) = K^2 dt^2/(4 sin^2(pi f dt))."""
-        return self.coefficient**2 * _law(frequency_hz, sample_time_s)
-
-    def psd_gradient(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
-        """Return dS/d(log K) = 2 S."""
-        return 2.0 * self.psd(frequency_hz, sample_time_s)[None]
+    @staticmethod
+    def law(frequency_hz: Floats, sample_time_s: float) -> Floats:
+        """dt^2/(4 sin^2(pi f dt))."""
+        return (0.5 * sample_time_s / np.sin(np.pi * sample_time_s * frequency_hz)) ** 2
 
     def allan_variance(self, tau_s: Floats, sample_time_s: float) -> Floats:
         """K^2 tau/3 (1 + dt^2/(2 tau^2))."""

@@ -7,13 +7,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from imu_noise_id.effects.base import Parameter, StateSpace, StochasticEffect
-from imu_noise_id.ordinates import LEAST_SCORE, Residual
+from imu_noise_id.effects.base import Parameter, StateSpace, StrengthEffect
 from imu_noise_id.recording import Floats
 
 
 @dataclass(frozen=True)
-class WhiteNoise(StochasticEffect):
+class WhiteNoise(StrengthEffect):
     """Independent samples; S(f) = N^2, Allan variance N^2/tau (IEEE Std 952, thesis (41)).
 
     Attributes
@@ -29,19 +28,10 @@ class WhiteNoise(StochasticEffect):
         Parameter("density", "{u}/sqrt(Hz)", True, "Allan's N; root of the two-sided spectrum"),
     )
 
-    @classmethod
-    def starts(cls, residual: Residual) -> tuple[StochasticEffect, ...]:
-        """One-step estimate of N^2."""
-        amount, chi2 = residual.score(np.ones_like(residual.psd)[None])
-        return (cls(float(np.sqrt(amount[0]))),) if chi2[0] > LEAST_SCORE else ()
-
-    def psd(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
-        """S(f) = N^2."""
-        return np.full_like(frequency_hz, self.density**2)
-
-    def psd_gradient(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
-        """Return dS/d(log N) = 2 N^2."""
-        return np.full((1, frequency_hz.size), 2.0 * self.density**2)
+    @staticmethod
+    def law(frequency_hz: Floats, sample_time_s: float) -> Floats:
+        """1."""
+        return np.ones_like(frequency_hz)
 
     def allan_variance(self, tau_s: Floats, sample_time_s: float) -> Floats:
         """N^2/tau."""
