@@ -10,7 +10,7 @@ help: ## this list
 build: ## .venv and install/; fast when nothing changed; PYTHON=python3.12 chooses the interpreter
 	@tools/build
 
-demo: build ## identify a recording of bags/ and say where the report lies
+demo: build ## the whole story with a recording of bags/, and one page that tells it (out/story)
 	@tools/demo
 
 test: build ## all tests; ARGS='test/unit -k allan' for some

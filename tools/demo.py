@@ -59,9 +59,9 @@ def run(*words: str) -> str:
     """Print and run ``ros2 run ...``; return the line, and end the demo where it fails."""
     line = shlex.join(("ros2", "run", *words))
     print(f"make demo: {line}", flush=True)
-    done = subprocess.run(["ros2", "run", *words], check=False, stdout=subprocess.DEVNULL)
+    done = subprocess.run(["ros2", "run", *words], check=False, capture_output=True, text=True)
     if done.returncode:
-        sys.exit(f"make demo: that ended with status {done.returncode}")
+        sys.exit(f"make demo: that ended with status {done.returncode}\n{done.stderr}")
     return line
 
 
@@ -166,10 +166,17 @@ def identified_section(folder: Path, line: str, offline: dict[str, Any]) -> Sect
     factors = np.rint(arrays["tau_s"] * rate_hz).astype(np.int64)
     parts = allan_parts(model, arrays["tau_s"], 1.0 / rate_hz)
     total = Part("model", np.sqrt(np.sum([part.values**2 for part in parts], axis=0)))
+    unknown = np.zeros(factors.size)
     curve = AllanCurve(
-        factors, arrays["tau_s"], arrays["deviation"], arrays["lower"], arrays["upper"],
-        np.full(factors.size, np.nan), found["confidence"],
-    )  # fmt: skip
+        tau_s=arrays["tau_s"],
+        deviation=arrays["deviation"],
+        lower=arrays["lower"],
+        upper=arrays["upper"],
+        confidence=found["confidence"],
+        degrees_of_freedom=unknown,
+        averaging_factor=factors,
+        differences=unknown.astype(np.int64),
+    )
     plot = figures.allan_figure(curve, channel["unit"], parts, [total])
     caption = f"{SHOWN}: measured with its interval, each effect's share, and their sum."
     return Section(
