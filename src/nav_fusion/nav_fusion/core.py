@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from nav_fusion.earth import gravity_at
 from nav_fusion.observe import (
     ALIGNED_S,
     RESULT,
@@ -28,8 +29,11 @@ from nav_fusion.observe import (
     Update,
     correct_by_field,
     correct_by_fix,
-    correct_by_rest,
+    correct_by_rates,
+    correct_by_stop,
     correct_by_velocity,
+    fixes_contradict,
+    forget_rest,
     may_rest,
     update_views,
 )
@@ -82,7 +86,14 @@ REACH = IMU_RING - MOST_SAMPLES - 8
 # shared: what all hypotheses have in common, rewound with them
 BLOCK_START, BLOCK_COUNT, BLOCK_SUMS = 0, 1, 2
 QUIET_BLOCKS, GAPS, GAP_S, FAST_BLOCKS, STILL = 10, 11, 12, 13, 14
-SHARED = 16
+SHAKE, SHAKE_BLOCKS, DENIED, RESTING, LAST_FORCE = 15, 16, 17, 18, 19
+SHARED = 22
+
+MOST_SHAKE_BLOCKS = 40.0
+CHANGE_LIMIT = 14.0
+"""Of white noise alone, two blocks' means differ by more once in 10^4: 2/3 of chi-square's 21."""
+SHAKE_HZ = 2.0
+"""Shaking of the platform at rest is taken to be this fast: v = a/(2 pi f)."""
 
 # cursor: where the queues stand (int64)
 SAMPLES, HEAD_MEASUREMENT, NEXT, FIRST_CHECKPOINT, LAST_CHECKPOINT, AHEAD = 0, 1, 2, 3, 4, 5
@@ -97,7 +108,7 @@ OUT_HYPOTHESES, OUT_STILL, OUT_SIZE = 106, 107, 108
 START, CHECKPOINT_PERIOD, PUBLISH_PERIOD, GAP, WINDOW, FURTHEST = 8, 9, 10, 11, 12, 13
 
 # constants
-GYRO_PSD, ACCEL_PSD, UNKNOWN, QUIET, STILL_USE = 0, 3, 6, 10, 28
+GYRO_PSD, ACCEL_PSD, UNKNOWN, QUIET, STILL_USE = 0, 3, 6, 10, 30
 
 # work: some vectors, one matrix and the last step before the scratch of its users
 MATRIX, LAST_DT, VECTORS = 48, 57, 64
@@ -135,7 +146,7 @@ def new_core(
     """Allocate a core that starts from ``hypotheses`` (K, size).
 
     ``times`` (6,) ns: start, checkpoint period, publish period, gap, window, furthest ahead;
-    ``gap`` (4,): sigma and correlation time of unknown acceleration and rate; ``quiet`` (5,): see
+    ``gap`` (4,): sigma and correlation time of unknown acceleration and rate; ``quiet`` (7,): see
     :func:`nav_fusion.starting.quiet_limits`.
     """
     count, size = hypotheses.shape
@@ -171,7 +182,7 @@ def slow_of(core: Core) -> SlowModel:
 def sensing_of(core: Core) -> Sensing:
     """Return what the corrections need, as ``new_core`` packed it."""
     c = core.constants
-    return Sensing(c[15:18], c[18:22], c[22:24], c[24:25], c[25:29])
+    return Sensing(c[17:20], c[20:24], c[24:26], c[26:27], c[27:31])
 
 
 @njit(cache=True)
@@ -304,7 +315,7 @@ def settle(core: Core, s: Floats) -> None:
     propagate_covariance(
         s[SLOW + m :],
         mean_attitude(s, x),
-        (x * s[FORCE_SUM], x * s[FORCE_SUM + 1], x * s[FORCE_SUM + 2]),
+        mean_force(core, s, x),
         (s[R], s[R + 1], s[R + 2]),
         dt,
         slow,
@@ -316,6 +327,24 @@ def settle(core: Core, s: Floats) -> None:
         s[SLOW + i] *= work.decay[i]
     s[ELAPSED : GAP_VARIANCE + 2] = 0.0
     refresh_bias(s, slow)
+
+
+@njit(cache=True)
+def mean_force(core: Core, s: Floats, x: float) -> Three:
+    """Mean specific force in e since the last :func:`settle`; what bears gravity while at rest.
+
+    Its noise would let a heading error act on the velocity, and every velocity of 0 would seem to
+    say that there is none: at rest the heading would become known from nothing.  Beyond five sigma
+    of that noise the platform has begun to move.
+    """
+    f = (x * s[FORCE_SUM], x * s[FORCE_SUM + 1], x * s[FORCE_SUM + 2])
+    if core.shared[RESTING] == 1.0:
+        g = gravity_at(s[R], s[R + 1], s[R + 2])
+        beyond2 = (f[0] + g[0]) ** 2 + (f[1] + g[1]) ** 2 + (f[2] + g[2]) ** 2
+        k = core.constants
+        if beyond2 < 25.0 * x * (k[ACCEL_PSD] + k[ACCEL_PSD + 1] + k[ACCEL_PSD + 2]):
+            return -g[0], -g[1], -g[2]
+    return f
 
 
 @njit(cache=True)
@@ -474,35 +503,78 @@ def block_due(core: Core) -> int:
 def close_block(core: Core, time_ns: int) -> None:
     """Decide whether the block was quiet; correct by rest after enough quiet blocks in a row."""
     length_s = (float(time_ns - core.cursor[START]) - core.shared[BLOCK_START]) * 1e-9
-    d, mean = core.shared, core.work[24:27]
+    d, mean, k = core.shared, core.work[24:30], core.constants
     n = d[BLOCK_COUNT]
-    rate2 = 0.0
-    force2 = 0.0
+    rate2, force2, change2 = 0.0, 0.0, 0.0
     for i in range(3):
         mean[i] = d[BLOCK_SUMS + i] / n
+        mean[3 + i] = d[BLOCK_SUMS + 3 + i] / n
         rate2 += mean[i] ** 2
-        force2 += (d[BLOCK_SUMS + 3 + i] / n) ** 2
-    quiet = (
-        d[BLOCK_SUMS + 6] / n - rate2 < core.constants[QUIET + 1]
-        and d[BLOCK_SUMS + 7] / n - force2 < core.constants[QUIET]
-    )
-    d[QUIET_BLOCKS] = d[QUIET_BLOCKS] + 1.0 if quiet else 0.0
-    if rate2 > core.constants[QUIET + 4] ** 2:
+        force2 += mean[3 + i] ** 2
+        change2 += (mean[3 + i] - d[LAST_FORCE + i]) ** 2
+        d[LAST_FORCE + i] = mean[3 + i]
+    shake = d[BLOCK_SUMS + 7] / n - force2
+    quiet = d[BLOCK_SUMS + 6] / n - rate2 < k[QUIET + 1] and shake < k[QUIET]
+    # a smooth start, or the turning point of a swing, is quiet; but its force changes
+    white = k[ACCEL_PSD] + k[ACCEL_PSD + 1] + k[ACCEL_PSD + 2]
+    quiet = quiet and change2 < CHANGE_LIMIT * white / length_s + k[QUIET + 6]
+    if rate2 > k[QUIET + 4] ** 2:
         d[FAST_BLOCKS] += 1.0
     begin_block(core, time_ns)
-    d[STILL] = 1.0 if d[QUIET_BLOCKS] >= core.constants[QUIET + 3] else 0.0
-    if d[STILL] == 0.0 or core.constants[STILL_USE] == 0.0:
-        return
+    if quiet:
+        d[QUIET_BLOCKS] += 1.0
+        d[SHAKE_BLOCKS] = min(d[SHAKE_BLOCKS] + 1.0, MOST_SHAKE_BLOCKS)
+        d[SHAKE] += (shake * n / max(n - 1.0, 1.0) - d[SHAKE]) / d[SHAKE_BLOCKS]
+    else:
+        d[QUIET_BLOCKS] = 0.0
+        d[SHAKE : RESTING + 1] = 0.0
+    d[STILL] = 1.0 if d[QUIET_BLOCKS] >= k[QUIET + 3] else 0.0
+    if d[STILL] == 1.0 and k[STILL_USE] != 0.0:
+        rest(core, mean, length_s, n)
+
+
+@njit(cache=True)
+def shake_variance(core: Core, samples: float) -> float:
+    """Variance of the platform's velocity at rest, by what its accelerometer shows beyond noise.
+
+    The excess of the quiet blocks' mean variance over the model's white noise, where it is beyond
+    two standard errors, at ``SHAKE_HZ``, and a least one.
+    """
+    d, k = core.shared, core.constants
+    freedom = max(samples - 1.0, 1.0) * d[SHAKE_BLOCKS]
+    # the three axes' white noise need not be alike: the loudest alone would have this error
+    error = k[QUIET + 5] * math.sqrt(2.0 / freedom)
+    excess = max(d[SHAKE] - k[QUIET + 5] - 2.0 * error, 0.0)
+    return k[STILL_USE - 3] ** 2 + excess / (2.0 * math.pi * SHAKE_HZ) ** 2
+
+
+@njit(cache=True)
+def rest(core: Core, mean: Floats, length_s: float, samples: float) -> None:
+    """Correct all hypotheses by rest, unless the heaviest or the fixes contradict it.
+
+    One decision for all: those that used more data than others would seem likelier.
+    """
+    d = core.shared
+    m = core.target.size
     slow, sensing, update = slow_of(core), sensing_of(core), update_of(core)
-    # one decision for all hypotheses: those that used more data than others would seem likelier
     settle_all(core)
-    if not may_rest(core.bank[heaviest(core)], core.target.size, sensing):
+    best = core.bank[heaviest(core)]
+    if d[DENIED] == 0.0 and d[RESTING] == 1.0 and fixes_contradict(best, slow):
+        d[DENIED] = 1.0
+        scale = core.z[max(core.cursor[NEXT] - 1, 0), 15:18]
+        for h in range(core.bank.shape[0]):
+            forget_rest(core.bank[h], slow, scale, sensing.still[2])
+    variance = shake_variance(core, samples)
+    d[RESTING] = 0.0
+    if d[DENIED] == 1.0 or not may_rest(best, m, variance, sensing, update):
         return
+    d[RESTING] = 1.0
     gyro_psd = core.constants[GYRO_PSD : GYRO_PSD + 3]
     for h in range(core.bank.shape[0]):
         s = core.bank[h]
         if s[ALIVE] > 0.0:
-            correct_by_rest(s, slow, mean, gyro_psd, length_s, sensing, update)
+            correct_by_rates(s, slow, mean, gyro_psd, length_s, sensing, update)
+            correct_by_stop(s, slow, variance, sensing, update)
             refresh_bias(s, slow)
 
 

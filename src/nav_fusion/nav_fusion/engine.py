@@ -49,7 +49,7 @@ BACKWARDS_S = 2.0
 APART_S = 10.0
 UNKNOWN_FIX_COVARIANCE = np.diag(np.square((2.5, 2.5, 5.0)))
 FIELD_RANGE_T = (15e-6, 80e-6)
-NO_FIX = -1
+NO_FIX, UNKNOWN_STATUS = -1, -2
 KEPT_CHUNKS = 1000
 
 
@@ -214,11 +214,18 @@ class Engine:
     ) -> None:
         """Feed a fix of the antenna (WGS-84); covariance (3, 3) east-north-up m^2, None if unknown.
 
-        ``status`` as in NavSatStatus: -1 is no fix.
+        ``status`` as in NavSatStatus, by whose page a fix is valid from 0 (STATUS_FIX) on: -1 is
+        no fix, and -2 a status that the driver has not set.
         """
         where = (latitude_deg, longitude_deg, altitude_m)
+        if status == UNKNOWN_STATUS:
+            self._reject(
+                "fixes whose status was never set (-2, unknown): NavSatStatus calls a fix valid "
+                "from 0 (STATUS_FIX) on; let the driver set it"
+            )
+            return
         if status <= NO_FIX:
-            self._reject("receiver says that it has no fix (status -1)")
+            self._reject(f"receiver says that it has no fix (status {status})")
             return
         if not all(map(math.isfinite, where)) or abs(latitude_deg) > 90 or abs(longitude_deg) > 360:
             self._reject("fix that is not a place on Earth (NaN or out of range)")
@@ -519,7 +526,7 @@ def packed_sensing(parameters: Parameters) -> observe.Sensing:
         gate,
         np.array([parameters.recovery_fixes, parameters.recovery_s], dtype=float),
         np.array([parameters.declination_rad]),
-        np.array([0.02, 1e-5, 0.3, float(parameters.zero_velocity_updates)]),
+        np.array([1e-4, 1e-6, 0.3, float(parameters.zero_velocity_updates)]),
     )
 
 

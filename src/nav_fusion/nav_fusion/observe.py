@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from nav_fusion.earth import EARTH_RATE_RAD_S, ecef_at, level_axes_at
+from nav_fusion.earth import EARTH_RATE_RAD_S, ecef_at, gravity_at, level_axes_at
 from nav_fusion.state import (
     HEADING,
     LOG_WEIGHT,
@@ -39,8 +39,10 @@ RECENT_NIS, WHITE_COUNT, WHITE_SUM, WHITE_PAST, ALIGNED_S = 30, 31, 32, 37, 52
 HEADING_STREAK, FIRST_FIX, VELOCITY_STREAK, RECENT_COUNT = 53, 54, 57, 58
 RESULT = 59
 """Newest fix: innovation (3), its sigma (3), NIS, what became of it (``TAKEN`` and so on)."""
-LAG_ONE, SQUARES = 67, 70
-"""Of the whitened innovations, each axis: products of successive ones, and squares."""
+LAG_ONE, SQUARES, DRIFT = 67, 70, 73
+"""Of the whitened innovations, each axis: successive products, squares, a running mean."""
+DRIFT_WEIGHT, DRIFT_LIMIT, COLOUR_LIMIT = 0.02, 6.0, 3.5
+"""Of the newest fix in that mean; how many sigma of it, and of the colour, contradict rest."""
 RESULT_SIZE = 8
 TAKEN, KEPT_OUT, SAME_AGAIN = 1.0, 2.0, 3.0
 
@@ -69,8 +71,8 @@ class Sensing(NamedTuple):
 
     ``lever`` (3,) antenna in b, m; ``gate`` (4,) chi-square quantiles by degrees of freedom;
     ``recovery`` (2,) fixes and seconds of unbroken gating after which the filter starts anew
-    from the fix; ``declination_rad`` (1,); ``still`` (4,): sigma of velocity m/s, of angular rate
-    rad/s, highest speed m/s, use or not.
+    from the fix; ``declination_rad`` (1,); ``still`` (4,): least sigma of velocity m/s, of angular
+    rate rad/s, highest speed m/s, use or not.
     """
 
     lever: Floats
@@ -210,18 +212,17 @@ def symmetrise(P: Floats, n: int) -> None:
 
 @njit(cache=True)
 def joseph(P: Floats, n: int, k: int, u: Update) -> None:
-    """P <- (I - K H) P (I - K H)' + K R K', symmetric to the last bit; K' is left in ``u``.
+    """P <- (I - K H) P (I - K H)' + K R K' with any K' in ``u``, symmetric to the last bit.
 
-    As two products of rank k: A = P - K H P, then A - K (A H' - K R)'.
+    As two products of rank k: A = P - K H P, then A - (A H' - K R) K'.
     """
-    gain(n, k, u)
     subtract_product(P, u.K, u.HP, n, k)
     for a in range(k):
         out = u.HP[a, :n]
         out[:] = 0.0
         for j in range(n):
             h = u.H[a, j]
-            if h != 0.0:  # a column: A is symmetric but for rounding, which is what this is for
+            if h != 0.0:  # by columns: A is not symmetric
                 for i in range(n):
                     out[i] += P[i * STRIDE + j] * h
         for b in range(k):
@@ -232,10 +233,9 @@ def joseph(P: Floats, n: int, k: int, u: Update) -> None:
 
 
 @njit(cache=True)
-def apply_correction(s: Floats, m: int, k: int, u: Update) -> None:
-    """Correct state and covariance of the hypothesis ``s`` by the prepared innovation."""
+def shift_state(s: Floats, m: int, k: int, u: Update) -> None:
+    """Add K y to the state of the hypothesis ``s``."""
     n = NAV + m
-    joseph(s[SLOW + m :], n, k, u)
     x = np.zeros(n)
     for i in range(n):
         for a in range(k):
@@ -247,6 +247,28 @@ def apply_correction(s: Floats, m: int, k: int, u: Update) -> None:
     rotate_left(q, x[6], x[7], x[8])
     for i in range(m):
         s[SLOW + i] += x[NAV + i]
+
+
+@njit(cache=True)
+def apply_correction(s: Floats, m: int, k: int, u: Update) -> None:
+    """Correct state and covariance of the hypothesis ``s`` by the prepared innovation."""
+    gain(NAV + m, k, u)
+    joseph(s[SLOW + m :], NAV + m, k, u)
+    shift_state(s, m, k, u)
+
+
+@njit(cache=True)
+def apply_correlated(s: Floats, m: int, k: int, u: Update) -> None:
+    """Correct where ``HP`` holds H P + M': P <- P - K S K', K' = S^-1 (H P + M').
+
+    Symmetric to the last bit.
+    """
+    n = NAV + m
+    P = s[SLOW + m :]
+    gain(n, k, u)
+    subtract_product(P, u.K, u.HP, n, k)
+    symmetrise(P, n)
+    shift_state(s, m, k, u)
 
 
 @njit(cache=True)
@@ -349,6 +371,7 @@ def note_innovation(s: Floats, nis: float, u: Update) -> None:
     for a in range(3):
         s[LAG_ONE + a] += u.white[a] * s[WHITE_PAST + a]
         s[SQUARES + a] += u.white[a] * u.white[a]
+        s[DRIFT + a] += DRIFT_WEIGHT * (u.white[a] - s[DRIFT + a])
     for lag in range(LAGS):
         if s[WHITE_COUNT] > lag:
             for a in range(3):
@@ -526,60 +549,161 @@ def correct_by_field(s: Floats, slow: SlowModel, z: Floats, sensing: Sensing, u:
 
 
 @njit(cache=True)
-def may_rest(s: Floats, slow_states: int, sensing: Sensing) -> bool:
-    """Whether a hypothesis knows its velocity well enough, and near enough 0, to call it rest.
-
-    Quiet sensors alone do not tell rest from an even drive.
-    """
-    P = s[SLOW + slow_states :]
-    speed2 = s[V] ** 2 + s[V + 1] ** 2 + s[V + 2] ** 2
-    variance = max(P[3 * (STRIDE + 1)], P[4 * (STRIDE + 1)], P[5 * (STRIDE + 1)])
-    return math.sqrt(speed2) + 2.0 * math.sqrt(variance) <= sensing.still[2]
-
-
-@njit(cache=True)
-def correct_by_rest(
-    s: Floats,
-    slow: SlowModel,
-    rate: Floats,
-    gyro_psd: Floats,
-    window_s: float,
-    sensing: Sensing,
-    u: Update,
-) -> None:
-    """Standing still: velocity 0, and the gyro reads the Earth's rate and its bias.
-
-    ``rate`` (3,) is the mean of the window's raw angular rate; its white noise is psd / window.
-    Like every measurement it counts in the hypothesis's log-likelihood.
-    """
-    m = slow.target.size
-    n = NAV + m
-    P = s[SLOW + m :]
+def prepare_stop(s: Floats, m: int, variance: float, u: Update) -> float:
+    """Velocity 0 with a variance: y = -v; returns log det S."""
     u.H[:, :] = 0.0
     u.R[:, :] = 0.0
     for i in range(3):
         u.y[i] = -s[V + i]
         u.H[i, 3 + i] = 1.0
-        u.R[i, i] = sensing.still[0] ** 2
-    logarithm = innovation_covariance(P, n, 3, u)
-    nis = whiten(3, u)
-    s[LOG_WEIGHT] -= 0.5 * (min(nis, sensing.gate[3]) + logarithm)
-    if nis > sensing.gate[3]:
-        return
-    apply_correction(s, m, 3, u)
+        u.R[i, i] = variance
+    return innovation_covariance(s[SLOW + m :], NAV + m, 3, u)
+
+
+@njit(cache=True)
+def may_rest(s: Floats, m: int, variance: float, sensing: Sensing, u: Update) -> bool:
+    """Whether what a hypothesis knows of its velocity is rest: near enough 0, and no contradiction.
+
+    Quiet sensors alone do not tell rest from an even drive.
+    """
+    P = s[SLOW + m :]
+    speed2 = s[V] ** 2 + s[V + 1] ** 2 + s[V + 2] ** 2
+    widest = max(P[3 * (STRIDE + 1)], P[4 * (STRIDE + 1)], P[5 * (STRIDE + 1)])
+    if math.sqrt(speed2) + 2.0 * math.sqrt(widest) > sensing.still[2]:
+        return False
+    prepare_stop(s, m, variance, u)
+    return whiten(3, u) <= sensing.gate[3]
+
+
+@njit(cache=True)
+def colour_of(s: Floats, slow: SlowModel, axis: int) -> tuple[float, float]:
+    """Colour of the fixes along an axis, summed over its states: estimate and model's variance."""
+    total, variance = 0.0, 0.0
+    for k in range(slow.target.size):
+        if slow.target[k] == POSITION + axis:
+            total += s[SLOW + k]
+            variance += slow.variance[k]
+    return total, variance
+
+
+@njit(cache=True)
+def fixes_contradict(s: Floats, slow: SlowModel) -> bool:
+    """Whether the fixes move away from a platform that rests.
+
+    Their innovations have had one sign for some seconds, or what they differ by is more than the
+    receiver's colour should be.
+    """
+    sigma = math.sqrt(DRIFT_WEIGHT / (2.0 - DRIFT_WEIGHT))
+    for a in range(3):
+        colour, variance = colour_of(s, slow, a)
+        if abs(s[DRIFT + a]) > DRIFT_LIMIT * sigma or colour**2 > COLOUR_LIMIT**2 * variance > 0.0:
+            return True
+    return False
+
+
+@njit(cache=True)
+def forget_rest(s: Floats, slow: SlowModel, scale: Floats, speed: float) -> None:
+    """Widen the velocity that was believed to be 0, and the position by what the fixes differ."""
+    m = slow.target.size
+    P = s[SLOW + m :]
+    away2 = 0.0
+    for a in range(3):
+        away2 = max(away2, (scale[a] * colour_of(s, slow, a)[0]) ** 2)
+    for i in range(3):
+        P[i * (STRIDE + 1)] += away2
+        P[(3 + i) * (STRIDE + 1)] += speed * speed
+    s[DRIFT : DRIFT + 3] = 0.0
+
+
+@njit(cache=True)
+def prepare_rates(
+    s: Floats, slow: SlowModel, mean: Floats, gyro_psd: Floats, window_s: float, u: Update
+) -> None:
+    """Mean angular rate of a window at rest: the Earth's, the biases, and noise of the window.
+
+    y = w - C' W - b and H = [C' W x, 1] with W the Earth's rate.  Its noise n has turned the
+    attitude too in the same window, so it is correlated with the state: M = E[e n'], rows -C psd
+    of psi and [f x] C psd T/2 of v, which are left in ``u.K``.  ``mean`` (6,): rate and force.
+    """
+    m = slow.target.size
     rotation_matrix(s[Q : Q + 4], u.C)
     u.H[:, :] = 0.0
+    u.R[:, :] = 0.0
+    u.K[:, :] = 0.0
+    f = u.white
     for i in range(3):
-        # the Earth's rate in b is C' w; its dependence on psi is left to R: 7e-5 rad/s at most
-        u.y[i] = rate[i] - EARTH_RATE_RAD_S * u.C[2, i]
-        u.R[i, i] = gyro_psd[i] / window_s + sensing.still[1] ** 2
+        f[i] = u.C[i, 0] * mean[3] + u.C[i, 1] * mean[4] + u.C[i, 2] * mean[5]
+    for a in range(3):
+        u.y[a] = mean[a] - EARTH_RATE_RAD_S * u.C[2, a]
+        u.H[a, 6], u.H[a, 7] = EARTH_RATE_RAD_S * u.C[1, a], -EARTH_RATE_RAD_S * u.C[0, a]
+        half = 0.5 * window_s * gyro_psd[a]
+        for i in range(3):
+            u.K[a, 6 + i] = -gyro_psd[a] * u.C[i, a]
+        u.K[a, 3] = half * (f[1] * u.C[2, a] - f[2] * u.C[1, a])
+        u.K[a, 4] = half * (f[2] * u.C[0, a] - f[0] * u.C[2, a])
+        u.K[a, 5] = half * (f[0] * u.C[1, a] - f[1] * u.C[0, a])
+        u.R[a, a] = gyro_psd[a] / window_s
     for k in range(m):
         if slow.target[k] < 3:
             u.H[slow.target[k], NAV + k] = 1.0
             u.y[slow.target[k]] -= s[SLOW + k]
-    logarithm = innovation_covariance(P, n, 3, u)
+
+
+@njit(cache=True)
+def correct_by_rates(
+    s: Floats,
+    slow: SlowModel,
+    mean: Floats,
+    gyro_psd: Floats,
+    window_s: float,
+    sensing: Sensing,
+    u: Update,
+) -> None:
+    """Correct by the mean angular rate of a window at rest; it counts in the log-likelihood."""
+    m = slow.target.size
+    n = NAV + m
+    prepare_rates(s, slow, mean, gyro_psd, window_s, u)
+    for a in range(3):
+        u.R[a, a] += sensing.still[1] ** 2
+        for b in range(3):
+            for i in range(3, 9):
+                u.R[a, b] += u.H[a, i] * u.K[b, i] + u.H[b, i] * u.K[a, i]
+    logarithm = innovation_covariance(s[SLOW + m :], n, 3, u)
     nis = whiten(3, u)
     s[LOG_WEIGHT] -= 0.5 * (min(nis, sensing.gate[3]) + logarithm)
     if nis <= sensing.gate[3]:
-        apply_correction(s, m, 3, u)
+        u.HP[:, :n] += u.K[:, :n]
+        apply_correlated(s, m, 3, u)
+
+
+@njit(cache=True)
+def keep_heading(s: Floats, k: int, u: Update) -> None:
+    """Take the turn about the vertical out of the gain.
+
+    The accelerometer's own noise lets a heading error act on the velocity, so that every velocity
+    of 0 would seem to say that there is none: at rest the heading would become known from nothing.
+    A gain that leaves it alone (Schmidt 1966) costs little, and its covariance is true.
+    """
+    g = gravity_at(s[R], s[R + 1], s[R + 2])
+    strength2 = g[0] * g[0] + g[1] * g[1] + g[2] * g[2]
+    for a in range(k):
+        along = (g[0] * u.K[a, 6] + g[1] * u.K[a, 7] + g[2] * u.K[a, 8]) / strength2
+        for i in range(3):
+            u.K[a, 6 + i] -= along * g[i]
+
+
+@njit(cache=True)
+def correct_by_stop(
+    s: Floats, slow: SlowModel, variance: float, sensing: Sensing, u: Update
+) -> None:
+    """Correct by a velocity of 0; it counts in the hypothesis's log-likelihood."""
+    m = slow.target.size
+    logarithm = prepare_stop(s, m, variance, u)
+    nis = whiten(3, u)
+    s[LOG_WEIGHT] -= 0.5 * (min(nis, sensing.gate[3]) + logarithm)
+    if nis <= sensing.gate[3]:
+        gain(NAV + m, 3, u)
+        keep_heading(s, 3, u)
+        joseph(s[SLOW + m :], NAV + m, 3, u)
+        shift_state(s, m, 3, u)
         s[STILL_UPDATES] += 1.0

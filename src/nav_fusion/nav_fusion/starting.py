@@ -214,12 +214,14 @@ def quiet_limits(layout: Layout, parameters: Parameters, rate_hz: float) -> Floa
     """Variances of accelerometer and gyro (all axes) below which a platform rests, and times.
 
     Twice what the model's white noise gives, plus what an idling engine may add; block length s,
-    blocks in a row, and a mean angular rate that no platform keeps up.
+    blocks in a row, a mean angular rate that no platform keeps up, the accelerometer's variance by
+    white noise alone, and by how much (squared) the mean force of two blocks may differ beyond it.
     """
     p = parameters
-    accel = 2.0 * float(layout.accel_psd.sum()) * rate_hz + 3.0 * p.still_accel_m_s2**2
+    white = float(layout.accel_psd.sum()) * rate_hz
+    accel = 2.0 * white + 3.0 * p.still_accel_m_s2**2
     gyro = 2.0 * float(layout.gyro_psd.sum()) * rate_hz + 3.0 * p.still_gyro_rad_s**2
-    return np.array([accel, gyro, 0.25, 4.0, 8.0])
+    return np.array([accel, gyro, 0.25, 4.0, 8.0, white, 0.1 * p.still_accel_m_s2**2])
 
 
 def _implausible(force: Floats, rate: Floats, steady: bool) -> str | None:

@@ -12,7 +12,17 @@ from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise, SlowTerm, mem
 from nav_fusion.parameters import Parameters
 from nav_fusion.solution import solve
 
-from helpers.drive import ALTITUDE, LATITUDE, LONGITUDE, START_NS, Drive, drive, play, without_fixes
+from helpers.drive import (
+    ALTITUDE,
+    EAST_M,
+    LATITUDE,
+    LONGITUDE,
+    START_NS,
+    Drive,
+    drive,
+    play,
+    without_fixes,
+)
 
 HEADED = Parameters(initial_heading_rad=0.0, use_magnetometer=False, use_velocity=False)
 GYRO = AxisNoise(1e-4, (SlowTerm(0.005, float("inf"), 1e-6, "rate_random_walk"),))
@@ -140,6 +150,30 @@ def test_an_outage_widens_the_sigma_and_ends() -> None:
     assert sigma[-1] < 1.5 * sigma[t < 15][-1]
 
 
+def test_a_slow_even_drive_is_not_taken_for_rest_for_long() -> None:
+    d = drive(80.0, rest_s=100.0)
+    t = (d.fix_ns - START_NS) * 1e-9
+    metres = EAST_M * np.cos(np.radians(LATITUDE))
+    east = np.stack([0 * t, np.degrees(0.2 * t / metres), 0 * t], axis=1)
+    _, rows = fused(replace(d, fix=d.fix + east))
+    solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
+    late = slice(solution.stamp_ns.size // 2, None)
+    error = solution.position[late, 0] - 0.2 * (solution.stamp_ns[late] - START_NS) * 1e-9
+    sigma = np.sqrt(solution.pose_covariance[late, 0, 0])
+    assert np.max(np.abs(error) / sigma) < 4.5
+    assert not solution.velocity[late, 0].min() < 0.1
+
+
+def test_at_rest_the_velocity_is_known_to_what_the_accelerometer_walks_in_a_block() -> None:
+    engine, rows = fused(drive(60.0, rest_s=100.0))
+    solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
+    sigma = np.sqrt(solution.velocity_covariance[-500:, 0, 0])
+    assert engine.status().still_updates > 100
+    assert sigma.max() < 2 * 2e-3 * np.sqrt(0.25)
+    nees = np.sum((solution.velocity[-500:] / sigma[:, None]) ** 2, axis=1)
+    assert nees.mean() < 5.0
+
+
 # ---------------------------------------------------------------- bad input
 
 
@@ -155,6 +189,17 @@ def test_no_fix_nan_and_places_off_the_earth_are_left_out() -> None:
     assert np.array_equal(engine.state(), before)
     assert engine.status().used == used
     assert engine.counts.rejected >= 3
+
+
+def test_a_status_that_was_never_set_is_no_fix_by_the_message_and_said() -> None:
+    engine = Engine(NOISE, HEADED)
+    d = drive(10.0)
+    play(engine, d)
+    before = engine.status()
+    engine.add_fix(int(d.stamp_ns[-1]), LATITUDE, LONGITUDE, ALTITUDE, None, status=-2)
+    status = engine.status()
+    assert (status.used, status.rejected) == (before.used, before.rejected + 1)
+    assert any("never set" in note and "driver" in note for note in status.notes)
 
 
 @pytest.mark.parametrize("diagonal", [0.0, -1.0, float("nan")])
