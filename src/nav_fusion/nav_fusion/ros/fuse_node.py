@@ -6,6 +6,7 @@ import struct
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import groupby
 from typing import Any
 
@@ -24,8 +25,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import NavSatFix
 
+from nav_fusion.beginning import Beginning
 from nav_fusion.engine import Engine, Rows
 from nav_fusion.feeding import feed
+from nav_fusion.fuse import choose_noise
 from nav_fusion.noise import NavigationNoise, TurnOn, from_model, mems_defaults
 from nav_fusion.published import (
     FIX_TOPIC,
@@ -61,6 +64,11 @@ class FuseNode(Node):
         )
         self._noise = self._noise_of_file()
         self._engine: Engine | None = None
+        self._modelled = False
+        self._leading = ""
+        self._beginning = Beginning()
+        self._pool = ThreadPoolExecutor(max_workers=1)
+        self._looking: Future[NavigationNoise] | None = None
         self._inbox: list[tuple[str, bytes, int]] = []
         self._slot = -1
         self._newest_ns = 0
@@ -125,11 +133,53 @@ class FuseNode(Node):
             )
 
     def _on_model(self, message: NoiseModel) -> None:
-        """Take the newest model; a filter that runs keeps the one it began with."""
+        """Take the newest model: at once from the beginning while that is kept, else later."""
         try:
             self._noise = from_model(to_model(message), self._turn_on)
         except (ValueError, InputError) as error:
             self.get_logger().warning(f"{self._values['model_topic']}: not used: {error}")
+            return
+        if self._engine is not None and not self._modelled:
+            self._take_over(self._noise)
+            self._modelled = True
+
+    def _take_over(self, noise: NavigationNoise) -> None:
+        """Begin anew with another model on all that has come, where that is kept."""
+        if not self._beginning.kept:
+            self.get_logger().warning(f"{noise.source}: takes effect at the next start or ~/reset")
+            return
+        engine = Engine(noise, self._filter_parameters)
+        self._beginning.replay(engine)
+        self._engine = engine
+        self.get_logger().info(f"noise model from the beginning on: {noise.source}")
+
+    def _look_at_rest(self) -> None:
+        """Without a model: identify the leading rest beside the filter, as it grows."""
+        if self._looking is not None:
+            if self._looking.done():
+                looked, self._looking = self._looking, None
+                self._take_leading_rest(looked)
+            return
+        begun = self._beginning
+        if self._modelled or self._engine is None or not begun.kept:
+            return
+        if begun.span_s < begun.look_at_s:
+            return
+        begun.look_at_s *= 2.0
+        columns = begun.columns()
+        self._looking = self._pool.submit(
+            choose_noise, columns, None, self._filter_parameters, "the live stream"
+        )
+
+    def _take_leading_rest(self, looked: Future[NavigationNoise]) -> None:
+        try:
+            noise = looked.result()
+        except (ValueError, InputError) as error:
+            self.get_logger().warning(f"the leading rest was not identified: {error}")
+            return
+        if not self._modelled and noise.source != self._leading:
+            self._leading = noise.source
+            self._take_over(noise)
 
     # ------------------------------------------------------------------ what goes out
 
@@ -143,6 +193,8 @@ class FuseNode(Node):
             items = list(group)
             log_ns = [item[2] for item in items]
             decoded, _ = self._streams[kind].decode([item[1] for item in items], log_ns)
+            receiver = self._streams[kind].receiver
+            self._beginning.add(receiver.topic, receiver.type, decoded, log_ns)
             rows = self._feed(kind, decoded)
             if kind != "imu":
                 aided = True
@@ -160,7 +212,9 @@ class FuseNode(Node):
         waited = time.monotonic() - self._begun_s >= self._values["model_wait_s"]
         if self._noise is None and self._values["model_topic"] and not waited:
             return False
+        self._modelled = self._noise is not None
         noise = self._noise or mems_defaults(self._turn_on)
+        self._leading = noise.source
         self._engine = Engine(noise, self._filter_parameters)
         self.get_logger().info(f"noise model: {noise.source}")
         return True
@@ -200,7 +254,8 @@ class FuseNode(Node):
         self._status.publish(message)
 
     def _tell(self) -> None:
-        """Look at the publishers, then publish diagnostics."""
+        """Look at the publishers and at the leading rest, then publish diagnostics."""
+        self._look_at_rest()
         now_ns = time.time_ns()
         statuses = []
         for kind, stream in self._streams.items():
@@ -243,6 +298,8 @@ class FuseNode(Node):
             return response
         self._inbox = []
         self._engine = None
+        self._beginning = Beginning()
+        self._looking = None
         for stream in self._streams.values():
             stream.reset()
         response.success = True
