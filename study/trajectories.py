@@ -90,7 +90,7 @@ def _level(latitude: Floats, longitude: Floats) -> Floats:
     )
 
 
-def _gravity(latitude: Floats, h: Floats) -> Floats:
+def gravity(latitude: Floats, h: Floats) -> Floats:
     """Somigliana with second-order height (Groves 2013, (2.134), (2.139))."""
     s2 = np.sin(latitude) ** 2
     surface = 9.7803253359 * (1 + 0.001931853 * s2) / np.sqrt(1 - E2 * s2)
@@ -120,7 +120,7 @@ def truth(motion: Motion, duration_s: float, rate_hz: float) -> Truth:
     C_ib, C_nb, T = _to_inertial(motion, t)
     spin = np.stack([np.cos(OMEGA * t), np.sin(OMEGA * t)], axis=-1)
     ecef = np.asarray(_ecef(latitude, longitude, altitude), float)
-    down = -T[:, 2] * _gravity(latitude, altitude)[:, None]
+    down = -T[:, 2] * gravity(latitude, altitude)[:, None]
     centrifugal = OMEGA**2 * ecef * np.array([1.0, 1.0, 0.0])
     g_e = down - centrifugal
     g_i = np.stack(
