@@ -11,7 +11,7 @@ model came, in which nothing is hidden: what would lie inside that model's inter
 (``trust`` says how much longer that one is; ``KNOWN`` where the model is the sensor itself.)
 Another name adds one more effect to such a sensor, in this recording only.  All by Whittle's
 formula on ordinates k/2T, expectations in the place of powers (``Strength``); a line, a narrow
-band, a burst and a shared noise, which no clean sensor imitates, by closed forms.
+band and a shared noise, which no clean sensor imitates, and a burst by closed forms.
 """
 
 from __future__ import annotations
@@ -390,7 +390,16 @@ def burst(x, sensor, dt, nats, rng):
     window[first : first + m] = 1.0
     window[first : first + edge] = np.linspace(0.0, 1.0, edge)
     window[first + m - edge : first + m] = np.linspace(1.0, 0.0, edge)
-    ratio = amplitude_for(lambda a: 0.5 * m * (a - np.log1p(a)), nats, 1e-6, 1e3)
+    edges = window[first : first + m] ** 2
+
+    def least(a: float) -> float:
+        truth, more = 0.5 * float(np.sum(np.log1p(a * edges))), float(np.sum(a * edges))
+        both = (1.0 + sensor.trust) * n  # none: one louder level here and where the model is from
+        over_none = 0.5 * both * np.log1p(more / both) - truth
+        over_louder = 0.5 * n * np.log1p(more / n) - truth
+        return min(over_none / nats, over_louder / (nats / 3.0))
+
+    ratio = amplitude_for(least, 1.0, 1e-6, 1e3)
     sigma = sensor.white / np.sqrt(dt)
     return x + window * np.sqrt(ratio) * sigma * rng.standard_normal(n), nats
 
