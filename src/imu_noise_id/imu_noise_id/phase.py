@@ -53,8 +53,3 @@ def whole_jumps(phase: Floats) -> NDArray[np.int64]:
 def warm_up() -> None:
     """Compile."""
     whole_jumps(np.zeros(2))
-
-
-def warm_up() -> None:
-    """Compile into numba's cache, for a build to call."""
-    whole_jumps(np.zeros(3))
