@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -95,3 +96,39 @@ def test_what_the_launch_files_name_is_installed(root: Path) -> None:
     assert pairs >= set(NODES)
     for package, executable in pairs:
         assert (root / "install" / "lib" / package / executable).exists()
+
+
+def sockets_of(pid: int) -> set[str]:
+    """Inodes of the sockets of a process and of those that it started."""
+    children = [
+        c for f in Path(f"/proc/{pid}/task").glob("*/children") for c in f.read_text().split()
+    ]
+    links = [os.readlink(link) for link in Path(f"/proc/{pid}/fd").iterdir() if link.is_symlink()]
+    found = {link[8:-1] for link in links if link.startswith("socket:[")}
+    return found.union(*(sockets_of(int(child)) for child in children))
+
+
+@pytest.mark.parametrize(("package", "executable"), NODES)
+def test_a_node_listens_on_nothing_but_dds(
+    start: Start, listener: Listener, ros_domain_id: int, package: str, executable: str
+) -> None:
+    program = start(package, executable)
+    listener.until(
+        lambda: (executable, "/") in listener.node.get_node_names_and_namespaces(), "the node"
+    )
+    mine = sockets_of(program.process.pid)
+    listening, ports = [], []
+    for protocol in ("tcp", "tcp6", "udp", "udp6"):
+        for line in Path(f"/proc/net/{protocol}").read_text().splitlines()[1:]:
+            fields = line.split()
+            if fields[9] not in mine:
+                continue
+            port = int(fields[1].split(":")[1], 16)
+            if protocol.startswith("tcp") and fields[3] == "0A":
+                listening.append(port)
+            elif protocol.startswith("udp"):
+                ports.append(port)
+    assert not listening
+    first = 7400 + 250 * ros_domain_id  # RTPS 2.5, 9.6.2.3: the domain's ports
+    known = [port for port in ports if first <= port < first + 250]
+    assert known, ports
