@@ -11,6 +11,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from imu_noise_id.bags import read_recording
+from imu_noise_id.checkpoint import load_checkpoint
 from imu_noise_id.identify import identify_recording
 from imu_noise_id.live import findings
 from imu_noise_id.ros.messages import allan_messages, model_message, to_time
@@ -240,3 +241,24 @@ def test_a_reference_model_that_is_not_the_sensors_is_contradicted(
     verdicts = {channel.name: channel.verdict for channel in report.channels}
     assert verdicts["angular_velocity.x"] == "agrees"
     assert verdicts["angular_velocity.y"] == "unexplained"
+
+
+def test_a_checkpoint_that_cannot_be_written_is_said_and_written_once_it_can(
+    start: Start, listener: Listener, tmp_path: Path
+) -> None:
+    folder = tmp_path / "disk"
+    folder.write_text("in the way")
+    file = folder / "identify.checkpoint"
+    keep = ("-p", f"checkpoint:={file}", "-p", "checkpoint_period_s:=1.0")
+    identify(start, *ONLY_ASKED, *keep)
+    heard = listener.hear(DiagnosticArray, "/diagnostics", 50)
+    imu_sender(listener)(10**18, 1000)
+
+    def told() -> str:
+        return "".join(s.message for a in heard for s in a.status if s.name == "identify: model")
+
+    listener.until(lambda: f"{file}: cannot be written" in told(), "the complaint")
+    folder.unlink()
+    listener.until(file.exists, "the checkpoint")
+    (columns, *_) = load_checkpoint(file).columns
+    assert columns.stamp_ns.size == 1000
