@@ -31,6 +31,11 @@ _WINDOW = 11
 _LONGEST_WINDOW = 1001
 _AROUND = 200
 _MINUTE_NS = 60_000_000_000
+_PARTS = 16
+_LEAST_PART = 64
+_OTHER_PARTS = 3
+_RATE_CHANGE = 1.25
+"""Ratio of sample periods of parts of a recording that losses do not explain."""
 _BATCHED = 0.9
 """Of the messages, twice the share that has the stamp of the one before: all in batches of two."""
 _LONGEST_STALL_NS = 10_000_000_000
@@ -103,6 +108,7 @@ def examine(stamp_ns: Stamps, log_ns: Stamps | None = None) -> Timing:
         notes.append("gaps far longer than the recording are shortened")
         cell = cells(ordered, period_ns)
     gaps = int(np.count_nonzero(cell[1:] - cell[:-1] > 1))
+    notes += _rate_changes(ordered)
     return Timing(
         kept,
         ordered,
@@ -153,6 +159,25 @@ def spread_batches(stamp_ns: Stamps, fresh: Mask) -> tuple[Stamps, tuple[str, ..
     back = np.repeat(span / count, count) * (np.repeat(count, count) - place)
     note = f"messages share one stamp, {np.median(count):g} at a time: spread between the stamps"
     return stamp_ns - np.rint(back).astype(np.int64), (note,)
+
+
+def _rate_changes(stamp_ns: Stamps) -> list[str]:
+    """Say so where the median step of one part of the recording is not that of another."""
+    size = stamp_ns.size // _PARTS
+    if size < _LEAST_PART:
+        return []
+    parts = stamp_ns[: size * _PARTS].reshape(_PARTS, size)
+    lag = size // 8  # over many samples: bursts and jitter are no other rate
+    steps = np.median(parts[:, lag:] - parts[:, :-lag], axis=1) / lag
+    ratio = steps / np.median(steps)
+    other = (ratio > _RATE_CHANGE) | (ratio < 1.0 / _RATE_CHANGE)
+    if np.count_nonzero(other) < _OTHER_PARTS:  # one or two may have a stall
+        return []
+    low, high = 1e9 / steps.max(), 1e9 / steps.min()
+    return [
+        f"the rate changes between {low:.4g} and {high:.4g} Hz: identify the parts of one rate by "
+        "themselves (--last)"
+    ]
 
 
 def join_clock_steps(
@@ -223,7 +248,8 @@ def _pace(stamp_ns: Stamps, log_ns: Stamps) -> float:
     """How much faster the stamps run than reception: a recording may be played at any rate."""
     lag = max(min(100, stamp_ns.size // 4), 1)
     received = float(np.median(log_ns[lag:] - log_ns[:-lag]))
-    return float(np.median(stamp_ns[lag:] - stamp_ns[:-lag])) / received if received > 0 else np.inf
+    sent = float(np.median(stamp_ns[lag:] - stamp_ns[:-lag]))
+    return sent / received if received > 0 else np.inf
 
 
 def _passed(stamp_ns: Stamps, log_ns: Stamps, last: Cells, first: Cells) -> Stamps:

@@ -40,7 +40,7 @@ class Transport:
 
 def find_transport(channels: tuple[Channel, ...]) -> Transport:
     """Effects on the transport of the channels of one topic, which share their stamps."""
-    first = channels[0]
+    first = max(channels, key=lambda c: c.stamp_ns.size)  # the others lack what was not finite
     effects: list[FittedEffect] = []
     factor = held_factor([c.values for c in _measured(channels)])
     if factor >= LEAST_FACTOR:
