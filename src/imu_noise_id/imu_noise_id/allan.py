@@ -271,7 +271,8 @@ def _phase_share(sums: _Sums) -> Floats:
     shorter = (32 * sums.m >= sums.m[:, None]) & (16 * sums.m <= sums.m[:, None])
     share = np.where(shorter, scaled, 0.0).max(axis=1) / scaled
     early = ~shorter.any(axis=1)  # nothing shorter to compare with: the same ratio forwards
-    share[early] = scaled[early] / np.where(shorter.T, scaled, 0.0).max(axis=1)[early].clip(1e-300)
+    later = np.where(shorter.T, scaled, 0.0).max(axis=1)[early]
+    share[early] = scaled[early] / np.maximum(later, scaled[early])
     return np.minimum(share, 1.0)
 
 
