@@ -258,20 +258,6 @@ def apply_correction(s: Floats, m: int, k: int, u: Update) -> None:
 
 
 @njit(cache=True)
-def apply_correlated(s: Floats, m: int, k: int, u: Update) -> None:
-    """Correct where ``HP`` holds H P + M': P <- P - K S K', K' = S^-1 (H P + M').
-
-    Symmetric to the last bit.
-    """
-    n = NAV + m
-    P = s[SLOW + m :]
-    gain(n, k, u)
-    subtract_product(P, u.K, u.HP, n, k)
-    symmetrise(P, n)
-    shift_state(s, m, k, u)
-
-
-@njit(cache=True)
 def colour_columns(
     H: Floats, x: Floats, y: Floats, slow: SlowModel, base: int, k: int, scale: Floats
 ) -> None:
@@ -621,27 +607,17 @@ def prepare_rates(
 ) -> None:
     """Mean angular rate of a window at rest: the Earth's, the biases, and noise of the window.
 
-    y = w - C' W - b and H = [C' W x, 1] with W the Earth's rate.  Its noise n has turned the
-    attitude too in the same window, so it is correlated with the state: M = E[e n'], rows -C psd
-    of psi and [f x] C psd T/2 of v, which are left in ``u.K``.  ``mean`` (6,): rate and force.
+    y = w - C' W - b and H = [C' W x, 1] with W the Earth's rate.  That the same noise has turned
+    the attitude too in the same window is left out: taken exactly (C nonzero) it cost the
+    covariance its positive definiteness in a long run.
     """
     m = slow.target.size
     rotation_matrix(s[Q : Q + 4], u.C)
     u.H[:, :] = 0.0
     u.R[:, :] = 0.0
-    u.K[:, :] = 0.0
-    f = u.white
-    for i in range(3):
-        f[i] = u.C[i, 0] * mean[3] + u.C[i, 1] * mean[4] + u.C[i, 2] * mean[5]
     for a in range(3):
         u.y[a] = mean[a] - EARTH_RATE_RAD_S * u.C[2, a]
         u.H[a, 6], u.H[a, 7] = EARTH_RATE_RAD_S * u.C[1, a], -EARTH_RATE_RAD_S * u.C[0, a]
-        half = 0.5 * window_s * gyro_psd[a]
-        for i in range(3):
-            u.K[a, 6 + i] = -gyro_psd[a] * u.C[i, a]
-        u.K[a, 3] = half * (f[1] * u.C[2, a] - f[2] * u.C[1, a])
-        u.K[a, 4] = half * (f[2] * u.C[0, a] - f[0] * u.C[2, a])
-        u.K[a, 5] = half * (f[0] * u.C[1, a] - f[1] * u.C[0, a])
         u.R[a, a] = gyro_psd[a] / window_s
     for k in range(m):
         if slow.target[k] < 3:
@@ -665,15 +641,11 @@ def correct_by_rates(
     prepare_rates(s, slow, mean, gyro_psd, window_s, u)
     for a in range(3):
         u.R[a, a] += sensing.still[1] ** 2
-        for b in range(3):
-            for i in range(3, 9):
-                u.R[a, b] += u.H[a, i] * u.K[b, i] + u.H[b, i] * u.K[a, i]
     logarithm = innovation_covariance(s[SLOW + m :], n, 3, u)
     nis = whiten(3, u)
     s[LOG_WEIGHT] -= 0.5 * (min(nis, sensing.gate[3]) + logarithm)
     if nis <= sensing.gate[3]:
-        u.HP[:, :n] += u.K[:, :n]
-        apply_correlated(s, m, 3, u)
+        apply_correction(s, m, 3, u)
 
 
 @njit(cache=True)
