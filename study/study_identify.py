@@ -318,7 +318,7 @@ def study_structure(pool: Pool, runs: int) -> str:  # type: ignore[valid-type]
 
 def _names(notes: tuple[str, ...], found: str, law: Law) -> bool:
     """Whether a note names what the set that was chosen lacks."""
-    missing = [k for k, _ in law if k not in found.split(" + ")]
+    missing = Counter(k for k, _ in law) - Counter(found.split(" + "))
     return bool(missing) and all(any(k in note for note in notes) for k in missing)
 
 

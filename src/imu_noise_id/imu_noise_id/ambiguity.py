@@ -15,7 +15,7 @@ from imu_noise_id.intervals import upper_end
 from imu_noise_id.model import UpperBound
 from imu_noise_id.ordinates import Ordinates
 from imu_noise_id.recording import Floats
-from imu_noise_id.selection import SLOW
+from imu_noise_id.selection import MOST, SLOW
 from imu_noise_id.whittle import Fit, fit
 
 CLEAR = 5.0
@@ -49,7 +49,8 @@ def _equal_name(fitted: Fit, index: int, rivals: tuple[str, ...]) -> str:
     without = fit(rest, expected, fitted.floor) if has_source else None
     equal = []
     for kind in SLOW:
-        if isinstance(effect, kind) or any(isinstance(e, kind) for e in rest):
+        there = sum(isinstance(e, kind) for e in rest)
+        if isinstance(effect, kind) or there >= MOST.get(kind.name, 1):
             continue
         starts = _starts(kind, effect, without)
         trials = [fit((*rest, start), expected, fitted.floor) for start in starts]
