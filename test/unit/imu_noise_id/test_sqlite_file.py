@@ -107,7 +107,7 @@ def test_pages_that_name_each_other_are_not_read_for_ever(tmp_path):
     data += leaf
     struct.pack_into(">I", data, 28, count + levels)
     path.write_bytes(data)
-    with pytest.raises(InputError, match="not readable as a rosbag2 database .interrupted."):
+    with pytest.raises(InputError, match=r"rosbag2 database \(interrupted"):
         read_recording(path)
 
 
