@@ -249,7 +249,9 @@ class Structured:
 def one_structure(job: Structured) -> tuple[str, tuple[str, ...]]:
     """Names chosen by the whole pipeline, and what it says of names that fit equally."""
     y = record(job.law, np.random.default_rng([3, job.seed, job.index]), job.n)
-    model = estimate_series(Series(y, np.ones(job.n, dtype=bool), DT), "u")
+    model = estimate_series(
+        Series(y, np.ones(job.n, dtype=bool), DT), "u", np.random.default_rng(job.index)
+    )
     names = " + ".join(sorted(e.name for e in model.effects))
     return names, tuple(e.note for e in model.effects if "between" in e.note)
 
@@ -340,7 +342,7 @@ def one_contaminated(job: tuple[str, int]) -> float:
         gap = int(rng.integers(10000, n - 34000))
         observed[gap : gap + 24000] = False
         y[~observed] = 0.0
-    model = estimate_series(Series(y, observed, dt), "u")
+    model = estimate_series(Series(y, observed, dt), "u", rng)
     found = next((e.effect for e in model.effects if e.name == "white_noise"), None)
     return float(np.log(found.values()[0])) if found else np.nan  # type: ignore[arg-type]
 

@@ -121,7 +121,9 @@ def wavelet_moments(tau_s: Floats, variance: Floats, duration_s: float) -> Float
 
 def ours(y: Floats) -> tuple[Floats, Floats, str]:
     """Estimates, whether each interval covers the truth (white, sigma, time), effects found."""
-    model = estimate_series(Series(y, np.ones(y.size, dtype=bool), DT), "rad/s")
+    model = estimate_series(
+        Series(y, np.ones(y.size, dtype=bool), DT), "rad/s", np.random.default_rng(0)
+    )
     value, covered = np.full(3, np.nan), np.full(3, np.nan)
 
     def held(row, truth: float) -> float:

@@ -24,7 +24,6 @@ from imu_noise_id.selection import SLOW, SMOOTH, select
 from imu_noise_id.series import Series
 from imu_noise_id.whittle import Fit, spectrum_of
 
-SEED = 952
 SMOOTH_DRAWS = 2
 SKIRT = 0.15
 NARROW_HZ = 1.0
@@ -78,7 +77,12 @@ class Analysis:
         return total
 
 
-def estimate_series(series: Series, unit: str, temperature: Floats | None = None) -> SeriesModel:
+def estimate_series(
+    series: Series,
+    unit: str,
+    rng: np.random.Generator,
+    temperature: Floats | None = None,
+) -> SeriesModel:
     """Effects of one series with intervals.
 
     Parameters
@@ -87,11 +91,13 @@ def estimate_series(series: Series, unit: str, temperature: Floats | None = None
         At least 32 observed samples that are not all equal.
     unit : str
         Unit of the channel.
+    rng : numpy.random.Generator
+        Draws missing samples; another one for each channel, or they seem to share noise.
     temperature : (n,) float64 or None
         At the samples of the series.
     """
     contamination = find_contamination(series, unit)
-    analysis = _analyse_mended(series, contamination, temperature)
+    analysis = _analyse_mended(series, contamination, temperature, rng)
     fitted = analysis.explained.fit
     spectral, covariance = estimates(fitted, unit)
     named = tuple(
@@ -106,12 +112,12 @@ def estimate_series(series: Series, unit: str, temperature: Floats | None = None
     clean = series.values[contamination.observed]
     mean = float(clean[0] + np.mean(clean - clean[0]))
     bounds = upper_bounds(fitted, unit)
-    white = _whitened(analysis.explained)
+    white = _whitened(analysis.explained, contamination.observed)
     return SeriesModel(mean, effects, log_covariance, bounds, contamination.notes, fitted, white)
 
 
-def _whitened(explained: Explained) -> NDArray[np.float32]:
-    """Leading samples of the noise divided by the root of its spectrum."""
+def _whitened(explained: Explained, observed: Mask) -> NDArray[np.float32]:
+    """Leading samples of the noise divided by the root of its spectrum, 0 where none was seen."""
     grid = explained.fit.ordinates
     rest = fft.idct(explained.coefficients, norm="ortho")[:LONGEST_WHITE]
     coefficients = cosine_coefficients(rest)
@@ -119,11 +125,15 @@ def _whitened(explained: Explained) -> NDArray[np.float32]:
     psd = np.exp(np.interp(frequency_hz, grid.frequency_hz, np.log(explained.fit.spectrum.psd)))
     coefficients[0] = 0.0
     coefficients /= np.sqrt(psd / grid.sample_time_s)
-    return np.asarray(fft.idct(coefficients, norm="ortho"), dtype=np.float32)
+    white = np.where(observed[: rest.size], fft.idct(coefficients, norm="ortho"), 0.0)
+    return white.astype(np.float32)
 
 
 def _analyse_mended(
-    series: Series, contamination: Contamination, temperature: Floats | None
+    series: Series,
+    contamination: Contamination,
+    temperature: Floats | None,
+    rng: np.random.Generator,
 ) -> Analysis:
     """Analysis of the record, its missing samples drawn given the others where there are any."""
     size = fast_length(series.values.size)
@@ -134,7 +144,6 @@ def _analyse_mended(
     known = (series.start_s, heat, float(observed.mean()))
     if observed.all():
         return _analyse(values, dt, contamination.floor, *known)
-    rng = np.random.default_rng(SEED)
     filled = roughly_filled(values, observed, rng)
     for _ in range(SMOOTH_DRAWS):
         grid = ordinates(cosine_coefficients(filled), dt)

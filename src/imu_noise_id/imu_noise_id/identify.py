@@ -176,7 +176,8 @@ def _identify_channel(
     if reason:
         result = ChannelResult(channel, series, curve, model, None, (reason,))
         return result, np.zeros(0, dtype=np.float32)
-    found = estimate_series(fresh, channel.unit, _temperature(recording, fresh))
+    rng = np.random.default_rng(list(f"{channel.topic} {channel.name}".encode()))
+    found = estimate_series(fresh, channel.unit, rng, _temperature(recording, fresh))
     curve = with_spectrum(curve, found.fit.ordinates)
     held = transport.factor**-0.5
     model = dataclasses.replace(

@@ -177,3 +177,18 @@ def test_a_rest_between_moves_is_not_mixed_with_other_attitudes():
     assert result.series.observed.sum() == N // 2
     assert result.channel.quality.notes[-1].endswith("15000 of 22500 still samples")
     assert names(result) == ["white_noise"]
+
+
+def test_axes_that_lost_the_same_samples_do_not_seem_to_share_their_noise():
+    rng = np.random.default_rng(67)
+    whole = recording({f"angular_velocity.{a}": white(20_000, rng) for a in "xyz"})
+    kept = rng.random(20_000) > 0.2
+    lossy = tuple(
+        dataclasses.replace(
+            c, stamp_ns=c.stamp_ns[kept], values=c.values[kept], still=c.still[kept]
+        )
+        for c in whole.channels
+    )
+    found = identify_recording(dataclasses.replace(whole, channels=lossy))
+    assert found.channels[0].series.observed.mean() < 0.85
+    assert all("cross_axis" not in names(r) for r in found.channels)

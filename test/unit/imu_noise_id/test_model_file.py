@@ -142,7 +142,8 @@ WRONG = [
     ),
     (
         _typed(
-            "      - name: white_noise\n        parameters: {density: {value: 1, lower: 2,\n upper: 1}}"
+            "      - name: white_noise\n"
+            "        parameters: {density: {value: 1, lower: 2,\n upper: 1}}"
         ),
         6,
         "above upper",

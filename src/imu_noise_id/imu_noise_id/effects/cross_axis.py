@@ -34,8 +34,15 @@ class CrossAxis(CouplingEffect):
 
 
 def correlation(white_a: Floats, white_b: Floats) -> tuple[float, float]:
-    """Correlation of two whitened channels and its standard error, (value, std_error)."""
-    a, b = white_a - white_a.mean(), white_b - white_b.mean()
+    """Correlation of two whitened channels and its standard error, (value, std_error).
+
+    Samples that are exactly 0 on either (not seen, or not new) say nothing and are left out.
+    """
+    both = (white_a != 0.0) & (white_b != 0.0)
+    if both.sum() < 2:
+        return 0.0, 1.0
+    a, b = white_a[both], white_b[both]
+    a, b = a - a.mean(), b - b.mean()
     power = float(np.sqrt((a @ a) * (b @ b)))
     value = float(a @ b) / power if power > 0.0 else 0.0
     return value, (1.0 - value**2) / float(np.sqrt(a.size))
