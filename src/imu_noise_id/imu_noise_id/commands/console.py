@@ -40,6 +40,9 @@ def run(
     arguments: list[str] | None,
 ) -> int:
     """Parse, work, and turn what a user can cause into one line on stderr and exit 2."""
+    # read when numpy is imported, after this: our threads go over channels, and BLAS's own would
+    # spin beside them
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         status = work(parser.parse_args(arguments)) or 0
         sys.stdout.flush()
