@@ -202,7 +202,7 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--count", type=int, default=10_800_000)
     arguments.add_argument("--peer-count", type=int, default=300_000)
-    arguments.add_argument("--runs", type=int, default=3)
+    arguments.add_argument("--runs", type=int, default=2)
     arguments.add_argument("--folder", type=Path, default=FOLDER)
     arguments.add_argument("--output", type=Path, default=RESULTS)
     arguments.add_argument("--child", choices=sorted(RUNS))
