@@ -526,7 +526,7 @@ def packed_sensing(parameters: Parameters) -> observe.Sensing:
         gate,
         np.array([parameters.recovery_fixes, parameters.recovery_s], dtype=float),
         np.array([parameters.declination_rad]),
-        np.array([2e-3, 1e-6, 0.3, float(parameters.zero_velocity_updates)]),
+        np.array([1e-4, 1e-6, 0.3, float(parameters.zero_velocity_updates)]),
     )
 
 
