@@ -42,7 +42,7 @@ def head() -> str:
     ).stdout.strip()
     day = datetime.datetime.now(datetime.timezone.utc).date()
     return (
-        "# Benchmarks\n\nWritten by `make bench`: one run of it, where a table does not say otherwise, "
+        "# Benchmarks\n\nWritten by `make bench`: one run, where a table does not say otherwise, "
         f"on {day}, commit `{commit}`, {os.cpu_count()} cores of {processor()}, Python "
         f"{platform.python_version()}, numpy {np.__version__}. Peers come from PyPI and run beside "
         "ours in the same process or in turn with it; nothing asserts an absolute time. What was "
