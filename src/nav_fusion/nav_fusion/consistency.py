@@ -110,8 +110,6 @@ def status_of(engine: Engine) -> Status:
     lags = s[observe.WHITE_SUM : observe.WHITE_SUM + observe.LAGS]
     squares, count = float(s[observe.NIS_SUM]), float(s[observe.WHITE_COUNT])
     told = fixes >= 20 and squares > 0
-    lag_one = s[observe.LAG_ONE : observe.LAG_ONE + 3]
-    correlation = lag_one / np.maximum(s[observe.SQUARES : observe.SQUARES + 3], 1e-300)
     whiteness = portmanteau(lags, count, 3, squares) if told else None
     limit = whiteness_limit(observe.LAGS)
     total = {slot: int(past[slot] + s[slot]) for slot in observe.TOTALS}
@@ -149,7 +147,7 @@ def status_of(engine: Engine) -> Status:
         nis_upper=band[1],
         whiteness=whiteness,
         whiteness_limit=limit,
-        correlation=float(correlation[np.argmax(np.abs(correlation))]) if told else None,
+        correlation=_lag_one(s) if told else None,
         white=None if whiteness is None else whiteness < limit,
         gate=float(chdtri(3, 1.0 - engine.parameters.gate_confidence)),
         still=bool(row[core.OUT_STILL]),
@@ -160,6 +158,13 @@ def status_of(engine: Engine) -> Status:
         notes=_all_notes(engine, total, s),
         fault=engine.fault,
     )
+
+
+def _lag_one(s: Floats) -> float:
+    """Correlation of neighbouring innovations on the axis where it is strongest."""
+    products = s[observe.LAG_ONE : observe.LAG_ONE + 3]
+    correlation = products / np.maximum(s[observe.SQUARES : observe.SQUARES + 3], 1e-300)
+    return float(correlation[np.argmax(np.abs(correlation))])
 
 
 def _newest_row(running: core.Core | None) -> Floats:
