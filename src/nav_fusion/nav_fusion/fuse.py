@@ -39,6 +39,8 @@ SHORTEST_STILL_S = 60.0
 GNSS_STILL_S = 600.0
 """A shorter rest does not show the receiver's colour."""
 FORMAT = "fuse/1"
+STEPS = 51
+"""Of which :func:`fuse_bag` tells: one when all is read, the rest spread over the samples."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +71,18 @@ class FuseResult:
         return innovations_of(self.engine)
 
 
+def _say_nothing(step: str) -> None:
+    """Tell nobody."""
+
+
 def fuse_bag(
     bag: str | Path,
     model: NoiseModel | None = None,
     parameters: Parameters = DEFAULTS,
     topics: TopicNames | None = None,
+    done: Callable[[str], None] = _say_nothing,
 ) -> FuseResult:
-    """Read a bag and fuse it.
+    """Read a bag and fuse it; ``done`` is told ``STEPS`` times how far it is.
 
     Raises
     ------
@@ -92,7 +99,8 @@ def fuse_bag(
                 "record it, or name it with --topic"
             )
     noise = choose_noise(columns, model, parameters, str(bag))
-    return fuse_columns(columns, noise, parameters, str(bag), notes)
+    done("fusing")
+    return fuse_columns(columns, noise, parameters, str(bag), notes, done)
 
 
 def fuse_columns(
@@ -101,10 +109,11 @@ def fuse_columns(
     parameters: Parameters,
     source: str,
     notes: Sequence[str] = (),
+    done: Callable[[str], None] = _say_nothing,
 ) -> FuseResult:
     """Fuse topics in the order of their times of reception."""
     engine = Engine(noise, parameters)
-    rows = run(engine, columns)
+    rows = run(engine, columns, done)
     status = engine.status()
     origin = engine.origin
     said = (f"noise model: {noise.source}", *notes, *status.notes)
@@ -144,7 +153,9 @@ def _apart(columns: Sequence[TopicColumns]) -> str:
     )
 
 
-def run(engine: Engine, columns: Sequence[TopicColumns]) -> Rows:
+def run(
+    engine: Engine, columns: Sequence[TopicColumns], done: Callable[[str], None] = _say_nothing
+) -> Rows:
     """Feed everything in order of arrival; IMU samples between two other messages as one block."""
     imu = next(c for c in columns if c.type == cdr.IMU)
     aids = [c for c in columns if c.type in AIDS and c.stamp_ns.size]
@@ -157,14 +168,19 @@ def run(engine: Engine, columns: Sequence[TopicColumns]) -> Rows:
     )
     rate, force = inertial(imu.values)
     parts: list[Rows] = []
-    begin = 0
+    begin, told = 0, 0
     for until, _, k, i in events:
         if until > begin:
             block = slice(begin, until)
             parts.append(engine.add_imu(imu.stamp_ns[block], rate[block], force[block]))
             begin = until
+            while told < (STEPS - 1) * begin // imu.stamp_ns.size:
+                done("fusing")
+                told += 1
         add[k](i)
     parts.append(engine.add_imu(imu.stamp_ns[begin:], rate[begin:], force[begin:]))
+    for _ in range(told, STEPS - 1):
+        done("fused")
     return joined(parts)
 
 

@@ -11,7 +11,7 @@ import pytest
 from imu_noise_id.bags import read_topics
 from nav_fusion.commands.fuse import main
 from nav_fusion.engine import Engine
-from nav_fusion.fuse import fuse_bag
+from nav_fusion.fuse import STEPS, fuse_bag
 from nav_fusion.noise import from_model
 from nav_fusion.parameters import Parameters
 from rosbags.highlevel import AnyReader
@@ -43,6 +43,12 @@ def test_a_bag_ends_in_the_engines_own_state(tmp_path: Path) -> None:
     play(engine, d, 0.213, covariance=0.09 * np.eye(3))
     assert np.array_equal(result.engine.state(), engine.state())
     assert result.status.late > 50
+
+
+def test_it_tells_how_far_it_is_as_often_as_it_says(tmp_path: Path) -> None:
+    told: list[str] = []
+    fuse_bag(write(drive(12.0), tmp_path / "bag"), done=told.append)
+    assert len(told) == STEPS
 
 
 def test_the_command_writes_what_the_contract_says(

@@ -69,12 +69,12 @@ def work(options: argparse.Namespace) -> None:
     from imu_noise_id.model_file import load_model
     from imu_noise_id.results_file import json_text
 
-    from nav_fusion.fuse import fuse_bag, fuse_tree, write_result
+    from nav_fusion.fuse import STEPS, fuse_bag, fuse_tree, write_result
 
     model = None if options.model is None else load_model(options.model)
-    with progress(3, "fusing") as done:
-        result = fuse_bag(options.bag, model, parameters, topic_names(options.topic, options.bag))
-        done("fused")
+    names = topic_names(options.topic, options.bag)
+    with progress(STEPS + 2, "reading") as done:
+        result = fuse_bag(options.bag, model, parameters, names, done)
         if options.output is not None:
             write_result(result, Path(options.output), done)
             _write_report(result, options)
