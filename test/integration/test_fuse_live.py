@@ -151,13 +151,12 @@ def test_it_publishes_without_fixes_and_begins_anew_when_time_does(
     poses = listener.hear(Odometry, ODOMETRY_TOPIC, DEEP)
     told = listener.hear(DiagnosticArray, "/diagnostics", 50)
     listener.until(lambda: listener.node.count_subscribers("/gps/fix"), "the node")
-    play = start("nav_fusion", "play", "--bag", str(bag), "--rate", "8", "--loop")
+    play = start("nav_fusion", "play", "--bag", str(bag), "--rate", "4", "--loop")
     listener.until(lambda: poses, "odometry")
     # nothing but samples between these two: the fixes are lost
     listener.until(lambda: stamp_ns(poses[-1]) > START_NS + 25 * 10**9, "odometry without fixes")
     lost = [p for p in poses if START_NS + 21 * 10**9 < stamp_ns(p) < START_NS + 25 * 10**9]
-    # 200 at the rate asked for; this listener may miss some at eight times real time under load
-    assert len(lost) > 20
+    assert len(lost) > 150
     for message in lost:
         assert np.linalg.eigvalsh(np.array(message.pose.covariance).reshape(6, 6))[0] > 0
     assert (lost[0].header.frame_id, lost[0].child_frame_id) == ("map", "base_link")
