@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtri
 
+from imu_noise_id.likelihood_bias import second_order_bias
 from imu_noise_id.model import Estimate, FittedEffect
 from imu_noise_id.recording import Floats
 from imu_noise_id.whittle import Fit, fit, log_covariance, parameter_vector, with_parameters
@@ -21,6 +22,8 @@ MOST_PROFILED = 6
 def estimates(fitted: Fit, unit: str) -> tuple[tuple[FittedEffect, ...], Floats]:
     """Effects with 95 % intervals, and the covariance of their log parameters.
 
+    The second-order bias of the likelihood is taken off values and ends alike.
+
     Parameters
     ----------
     fitted : Fit
@@ -29,8 +32,9 @@ def estimates(fitted: Fit, unit: str) -> tuple[tuple[FittedEffect, ...], Floats]
     """
     covariance = log_covariance(fitted)
     theta = parameter_vector(fitted.effects)
+    bias = second_order_bias(fitted, covariance)
     out, index = [], 0
-    for effect in fitted.effects:
+    for effect in with_parameters(fitted.effects, theta - bias):
         free = effect.free()
         row = []
         for parameter in effect.parameters:
@@ -39,7 +43,8 @@ def estimates(fitted: Fit, unit: str) -> tuple[tuple[FittedEffect, ...], Floats]
                 row.append(Estimate(value, None, None, None, parameter.unit_for(unit)))
                 continue
             error = float(np.sqrt(covariance[index, index]))
-            lower, upper = _interval(fitted, theta, index, error)
+            ends = _interval(fitted, theta, index, error)
+            lower, upper = (None if e is None else e * float(np.exp(-bias[index])) for e in ends)
             row.append(Estimate(value, error * value, lower, upper, parameter.unit_for(unit)))
             index += 1
         out.append(FittedEffect(effect, tuple(row)))
