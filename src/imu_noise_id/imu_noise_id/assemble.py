@@ -157,7 +157,8 @@ def _samples(columns: TopicColumns, timing: Timing) -> _Samples:
 def _fix_samples(topic: str, timing: Timing, rows: dict[str, Floats]) -> _Samples:
     geodetic = np.array([rows[name] for name in ("latitude", "longitude", "altitude")])
     lost = rows["status"] <= _NO_FIX
-    usable = (np.abs(geodetic) <= _WIDEST[:, np.newaxis]).all(axis=0) & ~lost
+    sound = np.abs(geodetic) <= _WIDEST[:, np.newaxis]
+    usable = sound[:2].all(axis=0) & (sound[2] | np.isnan(geodetic[2])) & ~lost
     notes: tuple[str, ...] = ()
     if count := int(np.count_nonzero(lost)):
         notes = (f"{count} messages say that there is no fix: left out",)
@@ -165,6 +166,7 @@ def _fix_samples(topic: str, timing: Timing, rows: dict[str, Floats]) -> _Sample
     values = np.full((3, usable.size), np.nan)
     if usable.any():
         values[:, usable] = enu_about_mean(*geodetic[:, usable])
+        values[2, ~sound[2]] = np.nan
     return _Samples(topic, timing, names, values, notes)
 
 
@@ -197,7 +199,10 @@ def _channels(samples: _Samples, moving: Intervals, said: list[str]) -> list[Cha
         finite = np.isfinite(row)
         count = int(np.count_nonzero(finite))
         if count < 2:
-            said.append(f"topic {samples.topic}, {name}: no finite sample; the channel is left out")
+            why = f" ({'; '.join(samples.notes)})" if samples.notes else ""
+            said.append(
+                f"topic {samples.topic}, {name}: no finite sample{why}; the channel is left out"
+            )
             continue
         stamp_ns, values, mask = timing.stamp_ns, row, still
         if count < row.size:

@@ -28,7 +28,9 @@ def enu_about_mean(latitude_deg: Floats, longitude_deg: Floats, altitude_m: Floa
     few kilometres of the mean.
     """
     longitude = longitude_deg[0] + np.remainder(longitude_deg - longitude_deg[0] + 180.0, 360) - 180
-    middle = [x[0] + np.mean(x - x[0]) for x in (latitude_deg, longitude, altitude_m)]
+    known_m = altitude_m[np.isfinite(altitude_m)] if np.isnan(altitude_m).any() else altitude_m
+    known_m = known_m if known_m.size else np.zeros(1)
+    middle = [x[0] + np.mean(x - x[0]) for x in (latitude_deg, longitude, known_m)]
     latitude_rad = np.deg2rad(middle[0])
     meridian, prime_vertical = curvature_radii(latitude_rad)
     north = np.deg2rad(latitude_deg - middle[0]) * (meridian + middle[2])

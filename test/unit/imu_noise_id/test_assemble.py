@@ -62,6 +62,29 @@ def test_messages_without_a_fix_are_left_out_and_noted(rng):
     assert "7 messages say that there is no fix" in channel.quality.notes[0]
 
 
+def test_fixes_without_an_altitude_still_have_east_and_north(rng):
+    llh = rng.normal((45.0, 7.0, 200.0), (1e-6, 1e-6, 0.3), (100, 3))
+    whole = to_recording([received(make.fixes(make.uniform(100, 5.0), llh))], "x")
+    some, none = llh.copy(), llh.copy()
+    some[3, 2], none[:, 2] = np.nan, np.nan
+    of_some = to_recording([received(make.fixes(make.uniform(100, 5.0), some))], "x")
+    of_none = to_recording([received(make.fixes(make.uniform(100, 5.0), none))], "x")
+    for name in ("position.east", "position.north"):
+        expected = whole.channel(name).values
+        np.testing.assert_allclose(of_some.channel(name).values, expected, rtol=1e-6)
+        np.testing.assert_allclose(of_none.channel(name).values, expected, rtol=1e-4)
+    assert of_some.channel("position.up").quality.non_finite == 1
+    assert [c.name for c in of_none.channels] == ["position.east", "position.north"]
+    assert "position.up: no finite sample" in of_none.notes[0]
+
+
+def test_a_receiver_that_never_has_a_fix_is_said_to_have_none(rng):
+    llh = rng.normal((45.0, 7.0, 1.0), 1e-6, (100, 3))
+    lost = received(make.fixes(make.uniform(100, 5.0), llh, status=np.full(100, -1.0)))
+    with pytest.raises(InputError, match="100 messages say that there is no fix"):
+        to_recording([lost], "x")
+
+
 def test_absurd_numbers_are_not_finite(rng):
     topic = make.imu(make.uniform(50, 50.0), rng.normal(size=(50, 3)), rng.normal(size=(50, 3)))
     columns = received(topic)
