@@ -110,6 +110,12 @@ def drops(stream: Stream, rng: Rng) -> Stream:
     return stream.take(np.flatnonzero(kept))
 
 
+def heavy_losses(stream: Stream, rng: Rng) -> Stream:
+    """One message of ten is lost, and the stamps scatter by a fifth of the period."""
+    stream = jitter(stream, rng)
+    return stream.take(np.flatnonzero(rng.random(stream.stamp_ns.size) > 0.1))
+
+
 def clock_step(seconds: float) -> Callable[[Stream, Rng], Stream]:
     """The clock is set in the middle."""
 
@@ -174,7 +180,7 @@ def swapped_axes(stream: Stream, rng: Rng) -> Stream:
 HARMLESS = (
     *(none, jitter, bursts, shared_stamps, stalls, duplicates, out_of_order, drops, frozen),
     *(clock_step(-1.0), clock_step(1.0), clock_step(-3600.0), clock_step(3600.0)),
-    *(not_finite, restarts, everything),
+    *(not_finite, restarts, everything, heavy_losses),
 )
 """What must leave the estimates in their intervals."""
 

@@ -312,7 +312,8 @@ def sample_period_ns(stamp_ns: Stamps) -> float:
 
     The shortest steps give the first guess where all are multiples of them, else the median step;
     where the samples come in bursts, the mean step.  The slope
-    of the stamps over their cells, fitted within gapless stretches, gives the value.
+    of the stamps over their cells, fitted within gapless stretches, gives the value; where samples
+    are lost among jittering stamps, which would bias it, the clock that the stamps keep does.
     """
     every = 1 + stamp_ns.size // _MOST_STEPS
     steps = stamp_ns[1::every] - stamp_ns[:-1:every]
@@ -321,6 +322,11 @@ def sample_period_ns(stamp_ns: Stamps) -> float:
         period = float(np.median(steps))
         near = np.abs(steps - period) < 0.5 * period  # not across a loss
         period = float(np.median(steps[near])) if near.any() else period
+        if _smoothing_samples(steps, period) == _WINDOW and np.mean(steps > 1.5 * period) > 0.01:
+            from imu_noise_id.phase import clock_period  # seldom needed
+
+            if (clocked := clock_period(stamp_ns, period)) is not None:
+                return clocked
     lost = np.rint(steps / period)
     if np.mean(lost > 1.5) > 0.02 and lost.sum() > 3.0 * steps.size:
         period = float(np.mean(steps[steps <= np.quantile(steps, 0.999)]))
@@ -367,9 +373,12 @@ def _lost(stamp_ns: Stamps, period_ns: float, window: int, ahead: int) -> Cells:
         return whole.astype(np.int64) - 1
     from scipy.ndimage import median_filter, minimum_filter1d  # slow to import, seldom needed
 
-    from imu_noise_id.phase import whole_jumps
+    from imu_noise_id.phase import clock_cells, whole_jumps
 
-    lag = (stamp_ns - stamp_ns[0]) / period_ns - np.arange(stamp_ns.size)
+    position = (stamp_ns - stamp_ns[0]) / period_ns
+    if (clocked := clock_cells(position)) is not None:
+        return np.diff(clocked) - 1
+    lag = position - np.arange(stamp_ns.size)
     smooth = median_filter(lag, window, mode="nearest") if lag.size > 2 else lag
     behind = whole_jumps(smooth)
     lasting = minimum_filter1d(behind, ahead, mode="nearest", origin=-(ahead // 2))

@@ -184,6 +184,17 @@ def test_losses_among_jittering_stamps_do_not_change_the_rate(rng, even, lost, j
     assert timing.missing == pytest.approx(np.count_nonzero(~present), abs=10 * (jitter > 0.2) + 1)
 
 
+@pytest.mark.parametrize("lost", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("jitter", [0.05, 0.2, 0.25])
+def test_heavy_losses_among_jittering_stamps_are_all_counted(rng, even, lost, jitter):
+    present = rng.random(COUNT) > lost
+    present[[0, -1]] = True
+    noisy = np.sort(even + (rng.normal(0.0, jitter, COUNT) * PERIOD).astype(np.int64))
+    timing = stamps.examine(noisy[present])
+    assert timing.rate_hz == pytest.approx(200.0, rel=1e-5)
+    assert timing.missing == pytest.approx(np.count_nonzero(~present), abs=1)
+
+
 @pytest.mark.parametrize("size", [2, 10, 32])
 def test_samples_that_share_a_stamp_are_spread_over_the_time_of_their_batch(even, size):
     last = even[size - 1 :: size][: COUNT // size]
