@@ -33,14 +33,13 @@ from imu_noise_id.bag_writer import write_recording
 from imu_noise_id.cdr import LAYOUTS, Bytes, Decoded, decode, decode_batch
 from imu_noise_id.columns import ColumnBuffer, TopicColumns
 from imu_noise_id.definitions import is_standard
-from imu_noise_id.errors import InputError
+from imu_noise_id.errors import InputError, one_line
 from imu_noise_id.mcap_file import (
     LATEST_NS,
     ChannelMessages,
     DamagedError,
     McapFile,
     Span,
-    one_line,
 )
 from imu_noise_id.recording import Recording, Stamps
 from imu_noise_id.topics import TopicInfo, TopicNames, choose_topics, listing
@@ -338,9 +337,7 @@ def _open_source(path: Path, label: str, compression: str, stack: ExitStack) -> 
             source = SqliteSource(label, database, compression)
             source.topics()
         except sqlite_file.ERRORS as error:
-            raise InputError(
-                f"{label}: not readable as a rosbag2 database ({one_line(str(error))})"
-            ) from error
+            raise InputError(f"{label}: not readable as a rosbag2 database ({error})") from error
         return source
     try:
         found = mcap_file.scan(file, label)

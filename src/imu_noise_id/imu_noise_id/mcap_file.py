@@ -20,6 +20,7 @@ import numpy as np
 import zstandard
 
 from imu_noise_id.cdr import Bytes, Positions, gather
+from imu_noise_id.errors import one_line
 from imu_noise_id.recording import Stamps
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -117,11 +118,6 @@ class ChannelMessages:
     log_ns: Stamps
     start: Positions
     size: Positions
-
-
-def one_line(text: str) -> str:
-    """A name from a file with what cannot be printed marked, so that it fits into a message."""
-    return text if text.isprintable() else "".join(c if c.isprintable() else "\ufffd" for c in text)
 
 
 class _Fields:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-from imu_noise_id.mcap_file import one_line
+from imu_noise_id.errors import one_line
 
 MESSAGE_LIMIT = 1 << 20
 _BATCH = 2000

@@ -152,6 +152,7 @@ WRONG = [
     (_typed(EFFECT) + "    bounds: [{name: white_noise}]\n", 7, "parameter"),
     (_typed(EFFECT) + "temperature: {time_s: [0, 1], temperature_degc: [20]}\n", 7, "as many"),
     (_typed(EFFECT) + "notes: !!python/object/apply:os.system [echo]\nx: 1\n", 8, "unknown key"),
+    ("format: two\n  \n  lines\n", 1, "not model/1"),
     ("a: &a [1]\nb: *a\n", 2, "aliases"),
     ("[" * 40 + "]" * 40, 1, "nested"),
 ]
