@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from imu_noise_id import cdr
 from imu_noise_id.cdr import Bytes
-from imu_noise_id.errors import InputError
+from imu_noise_id.errors import OutputError
 from imu_noise_id.files import scratch_folder
 from imu_noise_id.geodesy import curvature_radii
 from imu_noise_id.recording import Channel, Floats, Recording, Stamps
@@ -61,7 +61,7 @@ def write_bag(path: str | Path, topics: Sequence[TopicBytes], compressed: bool =
 
     Raises
     ------
-    InputError
+    OutputError
         When the place cannot be written.
     """
     target = Path(path)
@@ -71,7 +71,7 @@ def write_bag(path: str | Path, topics: Sequence[TopicBytes], compressed: bool =
             _write(draft, topics, compressed)
             _move(draft, target)
     except OSError as error:
-        raise InputError(
+        raise OutputError(
             f"{path}: cannot be written ({error.strerror or error}); choose another --output"
         ) from error
 
@@ -86,7 +86,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
 
     Raises
     ------
-    InputError
+    OutputError
         When the place cannot be written.
     """
     channels = [*recording.channels, *([recording.temperature] if recording.temperature else [])]

@@ -14,6 +14,10 @@ class InputError(Exception):
         super().__init__(one_line(message))
 
 
+class OutputError(InputError):
+    """A place that cannot be written."""
+
+
 def one_line(text: str) -> str:
     """A text from outside with what cannot be printed marked, so that it fits into a message."""
     return text if text.isprintable() else "".join(c if c.isprintable() else "\ufffd" for c in text)

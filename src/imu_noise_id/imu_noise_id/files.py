@@ -6,11 +6,12 @@ import contextlib
 import glob
 import os
 import shutil
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from imu_noise_id.errors import InputError
+from imu_noise_id.errors import InputError, OutputError
 
 
 @contextlib.contextmanager
@@ -22,7 +23,7 @@ def replacing(path: Path | str) -> Iterator[BinaryIO]:
 
     Raises
     ------
-    InputError
+    OutputError
         When the disk is full, the place is read-only or not a folder; the old file is untouched.
     """
     path = Path(path)
@@ -38,9 +39,45 @@ def replacing(path: Path | str) -> Iterator[BinaryIO]:
     except OSError as error:
         with contextlib.suppress(OSError):
             temporary.unlink()
-        raise InputError(
+        raise OutputError(
             f"{path}: cannot be written ({error.strerror}): free the place or name another"
         ) from error
+
+
+def write_or_keep(write: Callable[[Path], None], place: Path) -> None:
+    """Write the results of long work; where they cannot be written, keep them in a temporary place.
+
+    Parameters
+    ----------
+    write : callable
+        Writes them all at the path that it is given.
+    place : Path
+
+    Raises
+    ------
+    OutputError
+        When the place cannot be written (any more); says where the results are instead: in the
+        folder for temporary files, or in memory (``/dev/shm``) where that has no room either.
+    """
+    try:
+        write(place)
+    except OutputError as error:
+        raise OutputError(f"{error}; {_kept(write, place.resolve().name)}") from error
+
+
+def _kept(write: Callable[[Path], None], name: str) -> str:
+    for temporary in (tempfile.gettempdir(), "/dev/shm"):  # noqa: S108 - made by mkdtemp
+        try:
+            folder = Path(tempfile.mkdtemp(prefix="imu_noise_id_", dir=temporary))
+        except OSError:
+            continue
+        try:
+            write(folder / name)
+        except OutputError:
+            shutil.rmtree(folder, ignore_errors=True)
+        else:
+            return f"the results are kept in {folder / name}"
+    return "the results are lost: no other place has room for them"
 
 
 def remove_leftovers(folder: Path, before: str, after: str) -> None:

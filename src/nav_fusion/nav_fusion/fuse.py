@@ -285,7 +285,7 @@ def write_result(result: FuseResult, folder: Path, told: Callable[[str], None]) 
 
     Raises
     ------
-    InputError
+    OutputError
         When a file cannot be written.
     """
     stamp_ns = result.solution.stamp_ns

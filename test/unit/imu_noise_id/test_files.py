@@ -2,15 +2,18 @@
 
 import os
 import resource
+import shutil
 import signal
 import subprocess
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 from imu_noise_id.bag_writer import write_bag
 from imu_noise_id.bags import read_recording
-from imu_noise_id.errors import InputError
-from imu_noise_id.files import replacing, write_text
+from imu_noise_id.errors import InputError, OutputError
+from imu_noise_id.files import replacing, write_or_keep, write_text
 
 from helpers import bag_making as make
 
@@ -84,3 +87,36 @@ def test_a_full_disk_leaves_the_old_bag(tmp_path, request):
         write_bag(tmp_path / "bag", [make.still_imu(rng, 4000)])
     assert read_recording(tmp_path / "bag").channels[0].values.size == 10
     assert os.listdir(tmp_path) == ["bag"]
+
+
+def results(place):
+    """Two files, as a command's results are."""
+    write_text(place / "a.json", "{}")
+    write_text(place / "b.html", "page")
+
+
+def test_results_that_cannot_be_written_are_kept_where_the_message_says(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    blocked = tmp_path / "out"
+    (blocked / "b.html").mkdir(parents=True)
+    with pytest.raises(OutputError, match=r"b\.html: cannot be written") as caught:
+        write_or_keep(results, blocked)
+    kept = Path(str(caught.value).rsplit("kept in ", 1)[1])
+    assert {file.name: file.read_text() for file in kept.iterdir()} == {
+        "a.json": "{}",
+        "b.html": "page",
+    }
+
+
+def test_results_go_into_memory_where_temporary_files_have_no_room(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
+    with pytest.raises(OutputError, match=r"kept in /dev/shm/imu_noise_id_\w+/out") as caught:
+        write_or_keep(results, Path("/proc/out"))
+    shutil.rmtree(str(caught.value).rsplit("kept in ", 1)[1].removesuffix("/out"))
+
+
+def test_results_that_fit_nowhere_are_said_to_be_lost(tmp_path, monkeypatch, full_disk):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with pytest.raises(OutputError, match="the results are lost"):
+        write_or_keep(lambda place: write_text(place / "a", NEW), tmp_path / "out")
+    assert os.listdir(tmp_path) == ["out"]

@@ -49,18 +49,22 @@ def write_identification(identification: Identification, folder: Path | str) -> 
 
     Raises
     ------
-    InputError
-        When one cannot be written.
+    OutputError
+        When one cannot be written; says where they are kept.
     """
-    from imu_noise_id.files import write_text
+    from imu_noise_id.files import write_or_keep, write_text
     from imu_noise_id.model_file import save_model
     from imu_noise_id.report.identification import identification_page
     from imu_noise_id.results_file import identification_tree, write_json
 
-    folder = Path(folder)
-    write_json(identification_tree(identification), folder / "identify.json")
-    save_model(identification.model, folder / "model.yaml")
-    write_text(folder / "report.html", identification_page(identification))
+    page = identification_page(identification)
+
+    def write(folder: Path) -> None:
+        write_json(identification_tree(identification), folder / "identify.json")
+        save_model(identification.model, folder / "model.yaml")
+        write_text(folder / "report.html", page)
+
+    write_or_keep(write, Path(folder))
 
 
 def identify_unit(job: Job) -> Unit:

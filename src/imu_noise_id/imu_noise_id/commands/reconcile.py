@@ -70,7 +70,7 @@ def work(options: argparse.Namespace) -> None:
     from imu_noise_id.bags import read_recording
     from imu_noise_id.commands.identify import topic_names
     from imu_noise_id.errors import InputError
-    from imu_noise_id.files import write_text
+    from imu_noise_id.files import write_or_keep, write_text
     from imu_noise_id.model_file import save_model
     from imu_noise_id.reconcile import reconcile_recording, reconciliation_tree
     from imu_noise_id.report.reconciliation import channel_sentence, reconciliation_page
@@ -88,9 +88,14 @@ def work(options: argparse.Namespace) -> None:
     with progress(len(shared) + 1, "comparing") as advance:
         result = reconcile_recording(recording, model, options.seed, progress=advance)
         advance("writing the report")
-        write_json(reconciliation_tree(result), output / "reconcile.json")
-        save_model(result.model, output / "model.yaml")
-        write_text(output / "report.html", reconciliation_page(recording, model, result))
+        page = reconciliation_page(recording, model, result)
+
+    def write(folder: Path) -> None:
+        write_json(reconciliation_tree(result), folder / "reconcile.json")
+        save_model(result.model, folder / "model.yaml")
+        write_text(folder / "report.html", page)
+
+    write_or_keep(write, output)
     console().print(reconciliation_table(result))
     for channel in result.channels:
         if channel.verdict != "agrees":

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
-from imu_noise_id.commands.console import Parser, positive, run, seed, warn
+from imu_noise_id.commands.console import Parser, check_folder, positive, run, seed, warn
 
 _EXAMPLES = """\
   ros2 run imu_noise_id simulate --model out/model.yaml --duration 600 --seed 1 --output sim
@@ -43,16 +44,18 @@ def work(options: argparse.Namespace) -> None:
 
     from imu_noise_id.bags import write_recording
     from imu_noise_id.errors import InputError
+    from imu_noise_id.files import write_or_keep
     from imu_noise_id.model_file import load_model
     from imu_noise_id.simulate import simulate_recording
 
+    check_folder(Path(options.output).parent)
     model = load_model(options.model)
     rng = np.random.default_rng(options.seed)
     try:
         recording = simulate_recording(model, options.duration, rng, START_NS)
     except ValueError as error:
         raise InputError(f"{options.model}: {error}: simulate longer") from error
-    write_recording(recording, options.output)
+    write_or_keep(lambda place: write_recording(recording, place), Path(options.output))
     warn(recording.notes)
     samples = sum(channel.values.size for channel in recording.channels)
     print(

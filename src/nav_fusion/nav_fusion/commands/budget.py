@@ -71,7 +71,7 @@ def work(options: argparse.Namespace) -> None:
             raise InputError(f"--{name.replace('_', '-')}: a finite number from 0 is needed")
     folder = Path(options.output)
     check_folder(folder)
-    from imu_noise_id.files import write_text
+    from imu_noise_id.files import write_or_keep, write_text
     from imu_noise_id.model_file import load_model
     from imu_noise_id.report.page import render
     from imu_noise_id.results_file import write_json
@@ -88,8 +88,13 @@ def work(options: argparse.Namespace) -> None:
         for path in options.model:
             budgets.append(budget_of(load_model(path), environment, options.duration, name=path))
             done(path)
-    write_json(budget_tree(budgets), folder / "budget.json")
-    write_text(folder / "report.html", render(page_of(budgets)))
+    page = render(page_of(budgets))
+
+    def write(place: Path) -> None:
+        write_json(budget_tree(budgets), place / "budget.json")
+        write_text(place / "report.html", page)
+
+    write_or_keep(write, folder)
     for budget in budgets:
         for s in budget.scenarios:
             print(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from imu_noise_id.commands.console import Parser, check_folder, progress, run, warn
@@ -69,15 +70,14 @@ def work(options: argparse.Namespace) -> None:
     from imu_noise_id.model_file import load_model
     from imu_noise_id.results_file import json_text
 
-    from nav_fusion.fuse import STEPS, fuse_bag, fuse_tree, write_result
+    from nav_fusion.fuse import STEPS, fuse_bag, fuse_tree
 
     model = None if options.model is None else load_model(options.model)
     names = topic_names(options.topic, options.bag)
     with progress(STEPS + 2, "reading") as done:
         result = fuse_bag(options.bag, model, parameters, names, done)
         if options.output is not None:
-            write_result(result, Path(options.output), done)
-            _write_report(result, options)
+            _write(result, options, done)
     if options.json:
         print(json_text(fuse_tree(result)), end="")
     else:
@@ -85,13 +85,20 @@ def work(options: argparse.Namespace) -> None:
     warn(result.notes)
 
 
-def _write_report(result, options: argparse.Namespace) -> None:  # type: ignore[no-untyped-def]  # lazy
-    from imu_noise_id.files import write_text
+def _write(result, options: argparse.Namespace, done: Callable[[str], None]) -> None:  # type: ignore[no-untyped-def]  # lazy
+    from imu_noise_id.files import write_or_keep, write_text
     from imu_noise_id.report.page import render
 
+    from nav_fusion.fuse import write_result
     from nav_fusion.fuse_report import page_of
 
-    write_text(Path(options.output, "report.html"), render(page_of(result, options.bag)))
+    page = render(page_of(result, options.bag))
+
+    def write(folder: Path) -> None:
+        write_result(result, folder, done)
+        write_text(folder / "report.html", page)
+
+    write_or_keep(write, Path(options.output))
 
 
 def _summary(options: argparse.Namespace, result) -> str:  # type: ignore[no-untyped-def]  # lazy
