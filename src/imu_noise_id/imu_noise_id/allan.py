@@ -21,11 +21,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from imu_noise_id.compiled import njit
 from imu_noise_id.pyramid import (
     LEVELS,
     PER_OCTAVE,
@@ -336,7 +336,7 @@ def _log_spaced(m: Integers) -> Integers:
     return np.unique(np.append(nearest, m.size - 1))
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _running_sum(values: Floats, centre: float) -> Floats:
     """Compensated running sum about the centre, shape (n + 1,)."""
     prefix = np.zeros(values.size + 1)
@@ -348,7 +348,7 @@ def _running_sum(values: Floats, centre: float) -> Floats:
     return prefix
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _running_sums(values: Floats, observed: Mask, centre: float) -> Floats:
     """Compensated running sums of value, count and square about the centre, shape (3, n + 1)."""
     seen = np.where(observed, 1.0, 0.0)
@@ -360,7 +360,7 @@ def _running_sums(values: Floats, observed: Mask, centre: float) -> Floats:
     return prefixes
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _whole_squares(prefix: Floats, factors: Integers) -> Floats:
     """Sums of squared differences of adjacent window sums, nothing missing, (t,).
 
@@ -379,7 +379,7 @@ def _whole_squares(prefix: Floats, factors: Integers) -> Floats:
     return squares
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _masked_squares(prefix: Floats, m: int) -> tuple[float, float, float]:
     """Sum of squared differences of window means, of their excess, and their number."""
     square, excess, used = 0.0, 0.0, 0.0

@@ -16,9 +16,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from imu_noise_id.compiled import njit
 from imu_noise_id.recording import Floats, Mask
 from imu_noise_id.transfer_function import stationary_covariance
 
@@ -233,7 +233,7 @@ def _climb(values: Floats, observed: Mask, free: Floats) -> _Point:
     return _Point(free, model, gradient * count / square, curvature * count / square)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _moments(values, observed, phi, gain, start):  # type: ignore[no-untyped-def]
     """Products of u of the first filter and of the others' differences from it; sum of ln F."""
     filters, order = phi.shape
@@ -255,7 +255,7 @@ def _moments(values, observed, phi, gain, start):  # type: ignore[no-untyped-def
     return moments, logarithm, count
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _whiten(values, observed, phi, gain, start):  # type: ignore[no-untyped-def]
     """Standardised innovations of the first filter."""
     x, P, u = np.zeros(phi.shape[1]), start[0].copy(), np.zeros(values.size)
@@ -263,7 +263,7 @@ def _whiten(values, observed, phi, gain, start):  # type: ignore[no-untyped-def]
     return u
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _run(y, seen, phi, gain, x, P, u):  # type: ignore[no-untyped-def]
     """Kalman filter over a block, updating x and P; standardised innovations in u."""
     order = phi.size
@@ -294,7 +294,7 @@ def _run(y, seen, phi, gain, x, P, u):  # type: ignore[no-untyped-def]
     return logarithm + np.log(product)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _advance_covariance(phi, gain, seen, P, K, new):  # type: ignore[no-untyped-def]
     """Gain K and P = A P A' + gain gain' - K F K', A the companion of phi; no gain if not seen."""
     order = phi.size
@@ -315,7 +315,7 @@ def _advance_covariance(phi, gain, seen, P, K, new):  # type: ignore[no-untyped-
             P[i, j] = P[j, i] = new[i, j]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _largest(P):  # type: ignore[no-untyped-def]
     largest = 0.0
     for i in range(P.shape[0]):

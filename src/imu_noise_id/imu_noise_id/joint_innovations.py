@@ -8,9 +8,9 @@ coordinates of the state have no curvature, and the damping leaves them alone.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from imu_noise_id.compiled import njit
 from imu_noise_id.recording import Floats, Mask
 
 BLOCK = 1024
@@ -86,7 +86,7 @@ def _normal_equations(
     return moments[0, 1:] / STEP, moments[1:, 1:] / STEP**2
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _moments(values, observed, A, C, K, whiten):  # type: ignore[no-untyped-def]
     """Sum of v v' of the first filter; products of its whitened v and the others' differences."""
     filters, order = A.shape[0], A.shape[1]
@@ -113,7 +113,7 @@ def _moments(values, observed, A, C, K, whiten):  # type: ignore[no-untyped-def]
     return square, moments
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _run(y, seen, A, C, K, x, u):  # type: ignore[no-untyped-def]
     """Innovations of one block into u (outputs fastest), updating x."""
     order, outputs = A.shape[0], C.shape[0]
@@ -135,7 +135,7 @@ def _run(y, seen, A, C, K, x, u):  # type: ignore[no-untyped-def]
         x[:] = new
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _whiten(u, rows, whiten):  # type: ignore[no-untyped-def]
     """Multiply every row of innovations by a lower triangular matrix, in place."""
     outputs = whiten.shape[0]

@@ -11,9 +11,9 @@ dt`` whatever is lost: ``|mean exp(2 pi i t_k / dt)| = exp(-2 pi^2 s^2)`` for Ga
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from imu_noise_id.compiled import njit
 from imu_noise_id.recording import Floats, Stamps
 
 _GAIN = 0.05

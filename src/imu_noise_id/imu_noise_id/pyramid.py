@@ -24,10 +24,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from imu_noise_id.compiled import njit
 from imu_noise_id.recording import Floats, Mask
 
 CHUNK = 2048
@@ -170,7 +170,7 @@ def _advanced(pyramid: Pyramid, values: Floats, observed: Mask) -> Pyramid:
     return grown
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _work(
     values: Floats,
     observed: Mask,
@@ -203,7 +203,7 @@ def _work(
             buffer, spare = spare, buffer
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _fill(values: Floats, observed: Mask, centre: float, buffer: Floats) -> None:
     """Blocks of one sample: value about the centre, count, square."""
     value, count, square = buffer[0][TAIL:], buffer[1][TAIL:], buffer[2][TAIL:]
@@ -215,7 +215,7 @@ def _fill(values: Floats, observed: Mask, centre: float, buffer: Floats) -> None
         square[i] = value[i] * value[i]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _pair(blocks: Floats, size: int, waiting: int, odd: float, out: Floats) -> float:
     """Add the new blocks two by two into ``out``; return the one that awaits its partner."""
     new, paired = blocks[TAIL:], out[TAIL:]
@@ -231,7 +231,7 @@ def _pair(blocks: Floats, size: int, waiting: int, odd: float, out: Floats) -> f
     return new[size - 1] if size % 2 else 0.0
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=_FAST)
 def _missing(counts: Floats, first: int, last: int, length: float) -> float:
     """Absent samples of the blocks from first to last."""
     part = counts[first:last]
@@ -241,7 +241,7 @@ def _missing(counts: Floats, first: int, last: int, length: float) -> float:
     return (last - first) * length - seen
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _difference(
     buffer: Floats,
     before: int,
@@ -274,7 +274,7 @@ def _difference(
             sums[2, k] += used
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _accumulate(blocks: Floats, first: int, total: int, reference: float, prefix: Floats) -> None:
     """Prefix sums of blocks minus a reference, which second differences do not see."""
     whole = total - total % 4
@@ -295,7 +295,7 @@ def _accumulate(blocks: Floats, first: int, total: int, reference: float, prefix
         prefix[i + 1] = running
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=_FAST)
 def _whole_squares(prefix: Floats, start: int, k: int, count: int) -> float:
     """Sum of squared differences of adjacent windows of ``k`` blocks, nothing missing."""
     left = prefix[start : start + count]
@@ -308,7 +308,7 @@ def _whole_squares(prefix: Floats, start: int, k: int, count: int) -> float:
     return square
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=_FAST)
 def _masked_squares(
     prefix: Floats, start: int, k: int, count: int, length: float
 ) -> tuple[float, float, float]:
@@ -336,7 +336,7 @@ def _masked_squares(
     return square, beyond, used
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _windows(prefix: Floats, start: int, k: int, count: int) -> Floats:
     """Sums over windows of ``k`` blocks; alone in its loop, so that it is vectorised."""
     left, right = prefix[start:], prefix[start + k :]
@@ -346,7 +346,7 @@ def _windows(prefix: Floats, start: int, k: int, count: int) -> Floats:
     return sums
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def mean_excess(total: float, seen: float, squares: float, m: float) -> float:
     """Variance that a window mean gains by resting on ``seen`` of its ``m`` samples."""
     scatter = max(squares - total * total / seen, 0.0) / max(seen - 1.0, 1.0)

@@ -14,11 +14,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from imu_noise_id.compiled import njit
 from imu_noise_id.recording import Floats
 
 Complexes = NDArray[np.complex128]
@@ -141,7 +141,7 @@ def warm_up() -> None:
     drive(DiscreteTransfer(np.ones(1), np.array([1.0, -0.5]), 1.0), np.ones(3))
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _recursion(b, a, samples):  # type: ignore[no-untyped-def]
     """Transposed direct form, a[0] = 1; scipy.signal has it but takes a second to import."""
     order = a.size - 1

@@ -16,7 +16,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from imu_noise_id.compiled import njit
 from numpy.typing import NDArray
 
 from nav_fusion.earth import gravity_at

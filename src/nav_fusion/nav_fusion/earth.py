@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+from imu_noise_id.compiled import njit
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from imu_noise_id.compiled import njit
 from numpy.typing import NDArray
 
 from nav_fusion.earth import EARTH_RATE_RAD_S, ecef_at, gravity_at, level_axes_at

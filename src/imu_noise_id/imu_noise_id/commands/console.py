@@ -6,11 +6,12 @@ import argparse
 import contextlib
 import os
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NoReturn
 
-from imu_noise_id.errors import InputError
+from imu_noise_id.errors import InputError, OutputError
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -115,11 +116,14 @@ def check_folder(folder: Path) -> None:
 
     Raises
     ------
-    InputError
+    OutputError
         When it cannot be made or written.
     """
-    from imu_noise_id.files import write_text
-
-    probe = folder / ".probe"
-    write_text(probe, "")
-    probe.unlink()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return
+    except OSError as error:
+        raise OutputError(
+            f"{folder}: cannot be written ({error.strerror}): free the place or name another"
+        ) from error
