@@ -268,7 +268,7 @@ def wilson(hits: int, runs: int) -> str:
 Task = tuple[str, str, float, int]
 
 
-def tasks(runs: int, controls: int, only: Iterable[str]) -> list[Task]:
+def tasks(runs: int, controls: int, only: Iterable[str], first_seed: int) -> list[Task]:
     """What is to be run, in an order that leaves some of everything when it is cut short."""
     graded = tuple(k for k in hidden.KINDS if k not in CERTAIN_KINDS)
     alone = tuple(k for k in hidden.ON_ONE_CHANNEL if k not in CERTAIN_KINDS)
@@ -295,7 +295,9 @@ def tasks(runs: int, controls: int, only: Iterable[str]) -> list[Task]:
         if name in wanted:
             many = int(np.ceil(count))
             cells = product(range(many), kinds, strengths)
-            ordered += [((s + 1) / many, (name, kind, nats, s)) for s, kind, nats in cells]
+            ordered += [
+                ((s + 1) / many, (name, kind, nats, first_seed + s)) for s, kind, nats in cells
+            ]
     return [task for _, task in sorted(ordered, key=lambda pair: pair[0])]
 
 
@@ -458,13 +460,14 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--controls", type=int, default=40)
     parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--first-seed", type=int, default=0, help="development uses 100000 on")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so long")
     parser.add_argument("--results", type=Path, default=ROOT / "build" / "study_reconcile.jsonl")
     parser.add_argument("--output", type=Path, default=ROOT / "docs" / "study_reconcile.md")
     options = parser.parse_args()
     done = read_results(options.results)
-    wanted = tasks(options.runs, options.controls, options.only)
+    wanted = tasks(options.runs, options.controls, options.only, options.first_seed)
     left = [t for t in wanted if t not in done]
     options.results.parent.mkdir(parents=True, exist_ok=True)
     one = partial(run_one, folder=options.results.parent / "study_reconcile_models")

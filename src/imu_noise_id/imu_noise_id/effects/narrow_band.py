@@ -57,7 +57,11 @@ class NarrowBand(StochasticEffect):
 
     @classmethod
     def starts(cls, residual: Residual) -> tuple[StochasticEffect, ...]:
-        """Window with the largest excess power, over all places and doubling widths."""
+        """Window whose excess power gains most nats, over all places and doubling widths.
+
+        dof/2 (r - 1 - log r) for a mean power of r times the model's: counted in standard
+        deviations, single ordinates, whose tail is long, hid a band of several bins.
+        """
         ordinates = residual.ordinates
         weight = 0.5 * ordinates.dof
         misfit = ordinates.power / residual.psd - 1.0
@@ -69,10 +73,12 @@ class NarrowBand(StochasticEffect):
             low = ordinates.frequency_hz[: misfit.size - bins + 1] - half_bin[: 1 - bins or None]
             high = ordinates.frequency_hz[bins - 1 :] + half_bin[bins - 1 :]
             middle, bandwidth = 0.5 * (low + high), high - low
-            z = _window_sum(weight * misfit, bins) / np.sqrt(_window_sum(weight, bins))
-            z[bandwidth > 2.0 * WIDEST * middle] = 0.0
-            best = int(np.argmax(z))
-            if z[best] ** 2 > 2.0 * LEAST_SCORE:
+            total = _window_sum(weight, bins)
+            excess_ratio = np.maximum(_window_sum(weight * misfit, bins) / total, 0.0)
+            nats = total * (excess_ratio - np.log1p(excess_ratio))
+            nats[bandwidth > 2.0 * WIDEST * middle] = 0.0
+            best = int(np.argmax(nats))
+            if nats[best] > 0.5 * LEAST_SCORE:
                 inside = slice(best, best + bins)
                 excess = (ordinates.power - residual.psd)[inside] * weight[inside]
                 power = 4.0 * max(excess.sum(), 0.0) / ordinates.duration_s
@@ -81,7 +87,7 @@ class NarrowBand(StochasticEffect):
                 width = max(float(narrow), 1.5 / ordinates.duration_s)
                 start = cls(float(middle[best]), width, sigma)
                 if sigma > 0.0:
-                    found.append((float(z[best]), start))
+                    found.append((float(nats[best]), start))
         found.sort(key=lambda item: -item[0])
         return tuple(start for _, start in found[:1])
 

@@ -119,11 +119,14 @@ def _spectrum(record: Whitened) -> Statistic:
 
 
 def _line(record: Whitened, unit: Floats, name: str, domain: str) -> Statistic:
-    """Largest ordinate of the Fourier periodogram, exponential with mean 1."""
+    """Largest ordinate of the periodogram at every half spacing, exponential with mean 1.
+
+    On whole spacings a line that lies between two loses up to 60 % of its power, here 19 %.
+    """
     n = unit.size
-    power = np.abs(fft.rfft(unit)[1:]) ** 2 / n
+    power = np.abs(fft.rfft(unit, 2 * n)[2:]) ** 2 / n
     at = int(np.argmax(power))
-    f = (at + 1) / (n * record.sample_time_s)
+    f = (0.5 * at + 1.0) / (n * record.sample_time_s)
     half = 0.5 / (n * record.sample_time_s)
     return Statistic(name, float(power[at]), Where(domain, f - half, f + half, "Hz", 1.0))
 

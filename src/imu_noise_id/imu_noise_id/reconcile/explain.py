@@ -13,6 +13,7 @@ from scipy import fft
 
 from imu_noise_id.effects.base import Effect
 from imu_noise_id.effects.bias_step import BiasStep
+from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.effects.random_telegraph import RandomTelegraph, decode
 from imu_noise_id.effects.rate_ramp import RateRamp
@@ -128,13 +129,30 @@ def _sources(state: State, found: Analysis) -> list[Candidate]:
                 price += LINE_PRICE if kind.name == "narrow_band" else 0.0
                 grown = replace(state, effects=(*effects, start))
                 tried.append(_candidate(ADD, start, price, found, grown))
-        out += sorted(tried, key=lambda c: -c.net)[:1]
+        own = [c for c in tried if not _same_band(c, state)]
+        out += sorted(own, key=lambda c: -c.net)[:1]
     if not _count(state, "white_noise"):
         low = float(np.quantile(found.ordinates.power, 0.1))
         start = WhiteNoise(float(np.sqrt(max(low, 1e-300))))
         grown = replace(state, effects=(*found.fit.effects, start))
         out.append(_candidate(ADD, start, PRICE_PER_PARAMETER, found, grown))
     return out
+
+
+def _same_band(candidate: Candidate, state: State) -> bool:
+    """Whether a band overlaps one of the given model: then its shape differs, not its number."""
+    band = candidate.effect
+    return isinstance(band, NarrowBand) and any(
+        isinstance(given, NarrowBand)
+        and abs(band.frequency_hz - given.frequency_hz) < band.bandwidth_hz + given.bandwidth_hz
+        for given in state.effects[: _given_count(state)]
+    )
+
+
+def _given_count(state: State) -> int:
+    """Number of spectral effects that the given model has; they come first."""
+    ends = np.cumsum([len(e.free()) for e in state.effects])
+    return int(np.searchsorted(ends, state.prior.centre.size, side="right"))
 
 
 def _responses(state: State, found: Analysis) -> list[Candidate]:
@@ -169,16 +187,19 @@ def line_columns(frequency_hz: float, state: State) -> tuple[Column, Column]:
 
 
 def strongest_line(samples: Floats, sample_time_s: float) -> float:
-    """Frequency of the largest ordinate, refined by a parabola through its neighbours, Hz."""
+    """Frequency of the largest periodogram value, refined by a parabola, Hz."""
     n = samples.size
-    power = np.abs(fft.rfft(samples)) ** 2
-    power[0] = 0.0
-    peak = int(np.argmax(power))
-    # the periodogram on a grid of an eighth of the spacing about the peak
-    offsets = np.arange(-8, 9) / 8.0
-    t = np.arange(n)
-    base = samples * np.exp(-2j * np.pi * peak / n * t)
-    values = [abs(base @ np.exp(-2j * np.pi * d / n * t)) ** 2 for d in offsets]
+    power = np.abs(fft.rfft(samples, 2 * n)) ** 2
+    power[:2] = 0.0
+    peak = 0.5 * float(np.argmax(power))
+    # about the peak on a grid of an eighth of the spacing: one turn by an eighth after the other
+    offsets = np.arange(-4, 5) / 8.0
+    turned = samples * np.exp(-2j * np.pi * (peak + offsets[0]) / n * np.arange(n))
+    eighth = np.exp(-2j * np.pi / (8.0 * n) * np.arange(n))
+    values = []
+    for _ in offsets:
+        values.append(abs(turned.sum()) ** 2)
+        turned *= eighth
     best = int(np.clip(np.argmax(values), 1, offsets.size - 2))
     left, middle, right = values[best - 1 : best + 2]
     bend = left - 2.0 * middle + right

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import fft
@@ -39,6 +40,11 @@ class Column:
     size: float = 0.0
     std_error: float = np.inf
     given: bool = False
+
+    @cached_property
+    def coefficients(self) -> Floats:
+        """DCT of the shape."""
+        return _dct(self.shape)
 
 
 @dataclass(frozen=True)
@@ -84,6 +90,8 @@ class Analysis:
 
     Attributes
     ----------
+    state : State
+        As it was before the fit.
     fit : MapFit
     objective : float
         Log-likelihood less all prior costs, nats.
@@ -91,21 +99,31 @@ class Analysis:
         Of the columns, with standard errors.
     ordinates : Ordinates
         Of the record without its columns.
-    white : Whitened
-    inverse_psd : (n,) float64
-        1/S at each DCT ordinate, 0 at the level.
     coefficients : (n,) float64
         DCT of the record without its columns.
     """
 
+    state: State
     fit: MapFit
     objective: float
     sizes: Floats
     errors: Floats
     ordinates: Ordinates
-    white: Whitened
-    inverse_psd: Floats
     coefficients: Floats
+
+    @cached_property
+    def inverse_psd(self) -> Floats:
+        """1/S of the fit at each DCT ordinate, 0 at the level; (n,) float64."""
+        state = self.state
+        n = self.coefficients.size
+        return inverse_psd(self.fit.effects, n, state.sample_time_s, state.floor)
+
+    @cached_property
+    def white(self) -> Whitened:
+        """The record without its columns, whitened by the fit."""
+        return whiten(
+            self.coefficients, self.ordinates, self.fit.spectrum.psd, self.inverse_psd, self.state
+        )
 
 
 def analyse(state: State) -> Analysis:
@@ -115,7 +133,7 @@ def analyse(state: State) -> Analysis:
     is fitted first grows to hold a step, and the two alternate for long.
     """
     C = _dct(state.values - state.values[0])
-    X = np.array([_dct(c.shape) for c in state.columns]).reshape(-1, C.size)
+    X = np.array([c.coefficients for c in state.columns]).reshape(-1, C.size)
     sizes, errors = np.zeros(0), np.zeros(0)
     effects, rest = state.effects, C
     for _ in range(COURSE_ROUNDS if state.columns else 1):
@@ -129,14 +147,11 @@ def analyse(state: State) -> Analysis:
         bins = ordinates(rest, state.sample_time_s)
         fitted = map_fit(effects, bins, state.prior, state.floor)
         effects = fitted.effects
-    else:
-        inverse = inverse_psd(effects, C.size, state.sample_time_s, state.floor)
     cost = sum(
         0.5 * ((size - c.size) / c.std_error) ** 2
         for size, c in zip(sizes, state.columns, strict=True)
     )
-    white = whiten(rest, bins, fitted.spectrum.psd, inverse, state)
-    return Analysis(fitted, fitted.objective - cost, sizes, errors, bins, white, inverse, rest)
+    return Analysis(state, fitted, fitted.objective - cost, sizes, errors, bins, rest)
 
 
 def whiten(

@@ -14,6 +14,7 @@ from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.effects.quantization import Quantization
 from imu_noise_id.effects.rate_random_walk import RateRandomWalk
 from imu_noise_id.effects.white_noise import WhiteNoise
+from imu_noise_id.ordinates import Ordinates, Residual
 from numpy.testing import assert_allclose
 
 DT = 0.01
@@ -160,3 +161,13 @@ def test_applying_a_response_gives_white_noise_its_spectrum() -> None:
         inside = (f > low) & (f < high)
         expected = BandwidthLimit(10.0, 2, 0.5).power_response(f[inside], DT).mean()
         assert_allclose(power[inside].mean(), expected, rtol=0.1)
+
+
+def test_a_band_of_several_bins_is_found_before_one_large_ordinate() -> None:
+    n, f = 20000, np.arange(1, 20000) / (2.0 * 20000 * DT)
+    bins = Ordinates(f, np.ones(f.size), np.ones(f.size), DT, n * DT)
+    bins.power[4] = 12.0
+    bins.power[np.abs(f - 20.0) < 0.5] = 1.4
+    (start,) = NarrowBand.starts(Residual(bins, np.ones(f.size), np.zeros((0, f.size))))
+    assert isinstance(start, NarrowBand)
+    assert abs(start.frequency_hz - 20.0) < 0.5

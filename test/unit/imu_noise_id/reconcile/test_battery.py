@@ -57,6 +57,14 @@ def test_a_cache_that_cannot_be_written_costs_only_the_cache(
     assert load_null(1000, DT, 1, 20).nats.shape == (20, len(NAMES))
 
 
+@pytest.mark.parametrize("between", [0.0, 0.25, 0.5])
+def test_a_line_shows_alike_between_two_ordinates_and_on_one(between: float) -> None:
+    phase = 2.0 * np.pi * (700.0 + between) / N * np.arange(N)
+    seen = battery(white_record(0.1 * np.cos(phase), DT))[NAMES.index("line")]
+    assert seen.nats > 0.8 * 0.25 * N * 0.1**2
+    assert seen.where.from_ <= (700.0 + between) / (N * DT) <= seen.where.to
+
+
 def test_p_values_are_uniform_in_the_middle_and_exponential_in_the_tail(null: Null) -> None:
     column = null.nats[:, null.names.index("line")]
     assert np.exp(null.log_p("line", float(np.median(column)))) == pytest.approx(0.5, abs=0.02)
