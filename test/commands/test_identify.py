@@ -44,6 +44,13 @@ def output(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def test_a_link_to_itself_gets_one_line(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    result = run("identify", "--bag", tmp_path / "loop", "--output", tmp_path / "out")
+    assert result.status == 2
+    assert result.err.count("\n") == 1
+
+
 def test_the_results_file_keeps_its_contract(output: Path, bag: Path) -> None:
     tree = _strict((output / "identify.json").read_text(encoding="utf-8"))
     assert tree["format"] == "identify/1"

@@ -62,7 +62,7 @@ def write_or_keep(write: Callable[[Path], None], place: Path) -> None:
     try:
         write(place)
     except OutputError as error:
-        raise OutputError(f"{error}; {_kept(write, place.resolve().name)}") from error
+        raise OutputError(f"{error}; {_kept(write, place.absolute().name)}") from error
 
 
 def _kept(write: Callable[[Path], None], name: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -120,7 +121,7 @@ def jobs_of(options: argparse.Namespace) -> tuple[list[Job], bool]:
     names: dict[str, int] = {}
     jobs = []
     for bag in bags:
-        name = bag.resolve().name.removesuffix(".mcap")
+        name = Path(os.path.abspath(bag)).name.removesuffix(".mcap")
         names[name] = names.get(name, 0) + 1
         if names[name] > 1:
             name = f"{name}_{names[name]}"
