@@ -40,6 +40,25 @@ def test_the_bag_holds_the_model_with_its_rate_and_mean(
         assert abs(channel.values.std() / sigma - 1.0) < 5.0 / np.sqrt(4000.0)
 
 
+def test_what_a_hand_typed_model_lacks_is_said(run: Run, tmp_path: Path) -> None:
+    model = tmp_path / "typed.yaml"
+    for mean, coefficient, says in (
+        (0.0, None, ["no gravity in the bag"]),
+        (9.81, 1e-3, ["temperature has no course"]),
+        (9.81, None, []),
+    ):
+        text = "channels:\n- name: linear_acceleration.z\n  effects:\n"
+        text += "  - {name: white_noise, parameters: {density: 1e-3}}\n"
+        if coefficient:
+            text += f"  - {{name: temperature, parameters: {{coefficient: {coefficient}}}}}\n"
+        model.write_text(text + (f"  mean: {mean}\n" if mean else ""), encoding="utf-8")
+        output = tmp_path / "bag"
+        done = run("simulate", "--model", model, "--duration", 2, "--seed", 1, "--output", output)
+        assert done.status == 0
+        assert done.err.count("\n") == len(says)
+        assert all(line in done.err for line in says)
+
+
 def test_what_cannot_be_simulated_gets_one_line(run: Run, model_path: Path, tmp_path: Path) -> None:
     broken = tmp_path / "broken.yaml"
     broken.write_text("channels:\n- name: gyro\n", encoding="utf-8")

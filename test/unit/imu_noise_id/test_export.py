@@ -155,6 +155,13 @@ def test_what_a_target_cannot_hold_is_named(target: str) -> None:
     assert "periodic" in exported.text
 
 
+@pytest.mark.parametrize("target", ["gazebo", "robot_localization"])
+def test_a_sensor_written_for_another_rate_than_its_own_is_named(target: str) -> None:
+    notes = FORMATS[target](_model(), 100.0).notes
+    assert any("position: recorded at 200 Hz, written for 100 Hz" in note for note in notes)
+    assert not FORMATS[target](_model(), 200.0).notes
+
+
 @pytest.mark.parametrize("target", ["kalibr", "gtsam"])
 def test_a_model_without_a_needed_channel_or_white_noise_is_refused(target: str) -> None:
     model = _model()

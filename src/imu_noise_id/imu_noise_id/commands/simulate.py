@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from imu_noise_id.commands.console import Parser, check_folder, positive, run, seed, warn
+
+if TYPE_CHECKING:
+    from imu_noise_id.model import NoiseModel
 
 _EXAMPLES = """\
   ros2 run imu_noise_id simulate --model out/model.yaml --duration 600 --seed 1 --output sim
@@ -56,12 +60,31 @@ def work(options: argparse.Namespace) -> None:
     except ValueError as error:
         raise InputError(f"{options.model}: {error}: simulate longer") from error
     write_or_keep(lambda place: write_recording(recording, place), Path(options.output))
-    warn(recording.notes)
+    warn([*recording.notes, *_unplayed(model)])
     samples = sum(channel.values.size for channel in recording.channels)
     print(
         f"{options.output}: {len(recording.channels)} channels, {samples} samples, "
         f"{options.duration:g} s"
     )
+
+
+def _unplayed(model: NoiseModel) -> list[str]:
+    """What a hand-typed model lacks for its bag to be like a sensor's."""
+    notes = []
+    means = [c.mean for c in model.channels if c.name.startswith("linear_acceleration.")]
+    if means and not any(means):
+        notes.append(
+            "linear_acceleration: no mean in the model, so there is no gravity in the bag: for a "
+            "level platform give linear_acceleration.z the mean 9.81"
+        )
+    if model.temperature is None:
+        notes += [
+            f"{channel.name}: temperature has no course in the model (key 'temperature'), so it "
+            "does nothing in the bag"
+            for channel in model.channels
+            if channel.find("temperature")
+        ]
+    return notes
 
 
 def main(arguments: list[str] | None = None) -> int:

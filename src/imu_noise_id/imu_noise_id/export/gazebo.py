@@ -13,6 +13,7 @@ from imu_noise_id.export.reduction import (
     drift,
     has_axes,
     left_out,
+    slower_sensors,
 )
 from imu_noise_id.model import ChannelModel, NoiseModel
 
@@ -36,7 +37,7 @@ def export(model: NoiseModel, rate_hz: float) -> Exported:
     InputError
         When the model has no sensor that Gazebo knows.
     """
-    notes: list[str] = []
+    notes = slower_sensors(model, rate_hz)
     root = ElementTree.Element("sdf", version="1.9")
     if has_axes(model, "angular_velocity") or has_axes(model, "linear_acceleration"):
         imu = ElementTree.SubElement(_sensor(root, "imu", rate_hz), "imu")

@@ -55,6 +55,19 @@ class Drift:
         return self.diffusion * math.sqrt(self.correlation_time_s / 2.0)
 
 
+def slower_sensors(model: NoiseModel, rate_hz: float) -> list[str]:
+    """Say which sensors beside the IMU do not run at the rate that values per sample are for."""
+    notes = []
+    for quantity in ("magnetic_field", "position", "velocity"):
+        rates = {c.rate_hz for c in model.channels if c.name.startswith(f"{quantity}.")}
+        for own_hz in sorted(r for r in rates if r is not None and abs(r - rate_hz) > 0.1 * r):
+            notes.append(
+                f"{quantity}: recorded at {own_hz:.4g} Hz, written for {rate_hz:.4g} Hz as asked: "
+                f"for this sensor, export with --rate {own_hz:.4g}"
+            )
+    return notes
+
+
 def channels_of(model: NoiseModel, quantity: str, target: str) -> dict[str, ChannelModel]:
     """Return the three axes of a quantity.
 

@@ -9,6 +9,7 @@ from imu_noise_id.export.reduction import (
     comment,
     has_axes,
     left_out,
+    slower_sensors,
     stationary_variance,
     white_power,
 )
@@ -57,7 +58,7 @@ def export(model: NoiseModel, rate_hz: float) -> Exported:
     InputError
         When the model has no channel that the filter takes, or one whose variance is not known.
     """
-    notes: list[str] = []
+    notes = slower_sensors(model, rate_hz)
     process = dict(zip(_STATES, _MOTION, strict=True))
     lines = []
     for quantity, (key, unit) in _QUANTITIES.items():
