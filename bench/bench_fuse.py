@@ -22,7 +22,8 @@ from pathlib import Path
 
 import numpy as np
 from nav_fusion.engine import Engine
-from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise, SlowTerm
+from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise
+from nav_fusion.noise_terms import SlowTerm
 from nav_fusion.parameters import Parameters
 from numpy.typing import NDArray
 

@@ -31,11 +31,11 @@ from nav_fusion.noise import (
     AidNoise,
     AxisNoise,
     NavigationNoise,
-    SlowTerm,
     TurnOn,
     from_model,
     mems_defaults,
 )
+from nav_fusion.noise_terms import SlowTerm
 from nav_fusion.parameters import Parameters
 from nav_fusion.solution import solve
 from numpy.typing import NDArray

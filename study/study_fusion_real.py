@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from nav_fusion.earth import ecef_from_geodetic, geodetic_from_ecef, level_axes
 from nav_fusion.engine import Engine, joined
-from nav_fusion.noise import AidNoise, SlowTerm, mems_defaults
+from nav_fusion.noise import AidNoise, mems_defaults
+from nav_fusion.noise_terms import SlowTerm
 from nav_fusion.parameters import Parameters
 from nav_fusion.solution import solve
 from numpy.typing import NDArray

@@ -25,10 +25,10 @@ from nav_fusion.noise import (
     AidNoise,
     AxisNoise,
     NavigationNoise,
-    SlowTerm,
     TurnOn,
     from_model,
 )
+from nav_fusion.noise_terms import SlowTerm
 
 Floats = NDArray[np.float64]
 
@@ -153,6 +153,7 @@ def budget_of(
     """
     # turn-on bias stands by itself: in the filter it starts the walk, and would be the walk's here
     noise = from_model(model, TurnOn(0.0, 0.0), aid_rate_hz)
+    noise = replace(noise, position=_three([_plain(a, 1.0 / aid_rate_hz) for a in noise.position]))
     if noise.position_claimed:
         scale = 2.5
         noise = replace(
@@ -179,8 +180,25 @@ def _scaled(aid: AidNoise, scale: float) -> AidNoise:
     terms = tuple(
         SlowTerm.gauss_markov(t.initial_sigma * scale, t.correlation_time_s, t.name)
         for t in aid.terms
+        if isinstance(t, SlowTerm)
     )
     return AidNoise(aid.white_sigma * scale, terms)
+
+
+def _plain(aid: AidNoise, step_s: float) -> AidNoise:
+    """Return an aid whose pairs are Gauss-Markov terms of their variance V and density S at 0 Hz.
+
+    T = S/(2 V) is all that an average over many fixes sees; white where T is below a step.
+    """
+    white2, terms = aid.white_sigma**2, []
+    for term in aid.terms:
+        if isinstance(term, SlowTerm):
+            terms.append(term)
+        elif (time_s := term.memory_s) >= step_s:
+            terms.append(SlowTerm.gauss_markov(term.sigma, time_s, term.name))
+        else:
+            white2 += term.sigma**2
+    return AidNoise(math.sqrt(white2), tuple(terms))
 
 
 def _system(model: NoiseModel, noise: NavigationNoise, environment: Environment) -> _System:
@@ -191,7 +209,12 @@ def _system(model: NoiseModel, noise: NavigationNoise, environment: Environment)
         (6, "receiver", noise.position),
     )
     for base, sensor, axes in groups_of_axes:
-        rows += [(base + k, t, sensor) for k, axis in enumerate(axes) for t in axis.terms]
+        rows += [
+            (base + k, t, sensor)
+            for k, axis in enumerate(axes)
+            for t in axis.terms
+            if isinstance(t, SlowTerm)
+        ]
     others, constants = _other_sources(model, environment)
     rows += constants
     groups: dict[tuple[str, str], list[int]] = {}

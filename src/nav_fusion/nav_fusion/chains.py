@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_fusion.discretize import Step, exact
-from nav_fusion.noise import AidNoise, AxisNoise, SlowTerm
+from nav_fusion.noise import AidNoise, AxisNoise
 from nav_fusion.schedule import Chain
+from nav_fusion.state import UNSEEN, rows_of
 
 Floats = NDArray[np.float64]
 Discretisation = Callable[[Floats, Floats, float], Step]
@@ -152,8 +153,9 @@ def identified_chain(
 
     States: the integrals, the sensor's slow terms, the aid's slow terms.
     """
-    terms = (*axis.terms, *aid.terms)
-    n = integrations + len(terms)
+    own = [row for term in axis.terms for row in rows_of(0, term)]
+    rows = own + [row for term in aid.terms for row in rows_of(1, term)]
+    n = integrations + len(rows)
     A, spectrum = np.zeros((n, n)), np.zeros((n, n))
     if integrations == 2:
         A[0, 1] = 1.0
@@ -163,13 +165,13 @@ def identified_chain(
     H[0, 0] = 1.0
     P0 = np.zeros((n, n))
     P0[0, 0] = initial_error**2
-    for k, term in enumerate(terms, start=integrations):
-        A[k, k] = _decay(term)
-        spectrum[k, k] = term.density**2
-        P0[k, k] = term.initial_sigma**2
-        if k < integrations + len(axis.terms):
+    for k, (target, rate, psd, variance, spin, _) in enumerate(rows, start=integrations):
+        A[k, k], spectrum[k, k], P0[k, k] = -rate, psd, variance
+        if spin != 0.0:
+            A[k, k + 1], A[k + 1, k] = -spin, spin
+        if target == 0:
             A[last, k] = 1.0
-        else:
+        elif target != UNSEEN:
             H[0, k] = 1.0
     step = discretisation(A, spectrum, 1.0 / rate_hz)
     names = ("position", "velocity") if integrations == 2 else ("heading",)
@@ -182,9 +184,5 @@ def identified_chain(
         np.zeros((n, n)),
         np.zeros((n, 1)),
         P0,
-        names + tuple(t.name for t in terms),
+        names + tuple(row[5] for row in rows),
     )
-
-
-def _decay(term: SlowTerm) -> float:
-    return 0.0 if math.isinf(term.correlation_time_s) else -1.0 / term.correlation_time_s

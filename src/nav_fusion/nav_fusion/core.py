@@ -59,6 +59,7 @@ from nav_fusion.strapdown import (
     Nine,
     Three,
     mechanise,
+    move_pairs,
     propagate_covariance,
     rotation_matrix,
     scratch_views,
@@ -135,7 +136,7 @@ class Core(NamedTuple):
     checkpoint_shared: Floats
     checkpoint_sample: Ints  # (CHECKPOINTS,) number of samples taken when it was made
     target: Ints  # (m,)
-    slow_table: Floats  # (3, m)
+    slow_table: Floats  # (4, m)
     constants: Floats  # (CONSTANTS,)
     work: Floats  # scratch
 
@@ -166,7 +167,7 @@ def new_core(
         np.zeros((CHECKPOINTS, SHARED)),
         np.zeros(CHECKPOINTS, dtype=np.int64),
         slow.target,
-        np.stack([slow.rate, slow.psd, slow.variance]),
+        np.stack([slow.rate, slow.psd, slow.variance, slow.spin]),
         np.concatenate([layout.gyro_psd, layout.accel_psd, gap, quiet, *sensing]),
         np.zeros(VECTORS + SCRATCH_SIZE + UPDATE_SIZE),
     )
@@ -175,7 +176,8 @@ def new_core(
 @njit(cache=True)
 def slow_of(core: Core) -> SlowModel:
     """Return the slow states' model."""
-    return SlowModel(core.target, core.slow_table[0], core.slow_table[1], core.slow_table[2])
+    t = core.slow_table
+    return SlowModel(core.target, t[0], t[1], t[2], t[3])
 
 
 @njit(cache=True)
@@ -325,6 +327,7 @@ def settle(core: Core, s: Floats) -> None:
     )
     for i in range(m):
         s[SLOW + i] *= work.decay[i]
+    move_pairs(s[SLOW : SLOW + m], slow, dt)
     s[ELAPSED : GAP_VARIANCE + 2] = 0.0
     refresh_bias(s, slow)
 
@@ -450,7 +453,7 @@ def correct(core: Core, index: int, sample: int) -> None:
     """Apply measurement ``index`` to every living hypothesis; ``sample`` is the last before it."""
     kind, z = core.kind[index], core.z[index]
     time_s = float(core.measurement_ns[index] - core.cursor[START]) * 1e-9
-    rate = core.work[:3]
+    rate, rests = core.work[:3], core.shared[RESTING] == 1.0
     slow, sensing, update = slow_of(core), sensing_of(core), update_of(core)
     for h in range(core.bank.shape[0]):
         s = core.bank[h]
@@ -458,11 +461,11 @@ def correct(core: Core, index: int, sample: int) -> None:
             continue
         settle(core, s)
         if kind == FIX:
-            correct_by_fix(s, slow, z, time_s, sensing, update)
+            correct_by_fix(s, slow, z, time_s, rests, sensing, update)
         elif kind == VELOCITY_KIND:
             for i in range(3):
                 rate[i] = core.imu[sample % IMU_RING, i] - s[BIAS + i]
-            correct_by_velocity(s, slow, z, rate, sensing, update)
+            correct_by_velocity(s, slow, z, rate, rests, sensing, update)
         else:
             correct_by_field(s, slow, z, sensing, update)
         refresh_bias(s, slow)

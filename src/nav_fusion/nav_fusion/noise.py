@@ -7,41 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from imu_noise_id.curves import model_psd
+from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.errors import InputError
 from imu_noise_id.model import ChannelModel, NoiseModel
+
+from nav_fusion import colour
+from nav_fusion.noise_terms import PairTerm, SlowTerm
 
 AXES = ("x", "y", "z")
 LEVEL = ("east", "north", "up")
 SLOW_NAMES = ("gauss_markov", "rate_random_walk", "bias_instability", "random_telegraph")
 """Effects that are states of the filter."""
 
-
-@dataclass(frozen=True)
-class SlowTerm:
-    """One slow part of a sensor's error: b' = -b/T + w.
-
-    Attributes
-    ----------
-    initial_sigma : float
-        Standard deviation at the start, channel's unit.
-    correlation_time_s : float
-        T; ``inf`` for a walk or a constant.
-    density : float
-        Root of the two-sided spectrum of w, unit/s/sqrt(Hz); 0 for a constant.
-    name : str
-        The effect that it stands for.
-    """
-
-    initial_sigma: float
-    correlation_time_s: float
-    density: float
-    name: str
-
-    @staticmethod
-    def gauss_markov(sigma: float, correlation_time_s: float, name: str) -> SlowTerm:
-        """Stationary first-order Gauss-Markov process: density sigma sqrt(2/T)."""
-        return SlowTerm(sigma, correlation_time_s, sigma * math.sqrt(2 / correlation_time_s), name)
+ROUGH_NATS = 0.01
+"""More than this lost a measurement is said."""
 
 
 @dataclass(frozen=True)
@@ -60,12 +40,12 @@ class AidNoise:
     ----------
     white_sigma : float
         Of each measurement, in its unit (with ``scaled``: as a fraction of the receiver's claim).
-    terms : tuple of SlowTerm
+    terms : tuple of SlowTerm and PairTerm
         Colour, in the same unit.
     """
 
     white_sigma: float
-    terms: tuple[SlowTerm, ...] = ()
+    terms: tuple[SlowTerm | PairTerm, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -148,11 +128,11 @@ def from_model(
 ) -> NavigationNoise:
     """Noise of the filter from an identified or typed model.
 
-    White noise, quantization's long-term part (none), Gauss-Markov terms, walks and ramps enter as
-    they are; bias instability as Gauss-Markov terms (:func:`flicker_terms`).  Lines, narrow bands,
-    rounding and what acts on single samples are no states of the filter: their variance averages
-    out in navigation, or is in the budget; a note says so.  Aids that the model lacks get the
-    defaults.
+    Gauss-Markov terms and walks enter as they are; bias instability as Gauss-Markov terms
+    (:func:`flicker_terms`).  What is faster: of an inertial channel by its spectrum at 0 Hz (lines,
+    rounding and what acts on single samples average out in navigation, or are in the budget; a note
+    says so), of an aid as white noise and colour of few states (:mod:`nav_fusion.colour`).  Aids
+    that the model lacks get the defaults.
 
     Raises
     ------
@@ -203,8 +183,8 @@ def flicker_terms(
     return tuple(SlowTerm.gauss_markov(sigma, float(t), "bias_instability") for t in times)
 
 
-def slow_terms(channel: ChannelModel, notes: list[str]) -> tuple[SlowTerm, ...]:
-    """Slow terms of a channel's effects; what is left out is added to ``notes``."""
+def slow_terms(channel: ChannelModel) -> tuple[SlowTerm, ...]:
+    """Slow terms of a channel's effects, those of ``SLOW_NAMES``."""
     terms: list[SlowTerm] = []
     for fitted in channel.effects:
         value = {
@@ -227,15 +207,22 @@ def slow_terms(channel: ChannelModel, notes: list[str]) -> tuple[SlowTerm, ...]:
                     0.5 * float(value["height"]), 0.5 * float(value["mean_dwell_s"]), fitted.name
                 )
             )
-        elif fitted.name != "white_noise":
-            notes.append(f"{fitted.name} is no state of the filter; its cost is in the budget")
     return tuple(terms)
 
 
-def white_density(channel: ChannelModel) -> float:
-    """Root of the summed white spectra of a channel, unit/sqrt(Hz)."""
-    found = [f.effect for f in channel.effects if isinstance(f.effect, WhiteNoise)]
-    return math.sqrt(sum(float(e.density) ** 2 for e in found))
+def fast_part(channel: ChannelModel) -> ChannelModel:
+    """Return a channel without its slow terms."""
+    return replace(channel, effects=tuple(f for f in channel.effects if f.name not in SLOW_NAMES))
+
+
+def white_density(channel: ChannelModel, rate_hz: float = 100.0) -> float:
+    """Root of the spectrum at 0 Hz of an inertial channel's fast part, unit/sqrt(Hz).
+
+    What is fast for navigation acts through its integral, as white noise of that density; a
+    resonance adds the foot of its spectrum, and noise behind a low-pass the whole of it.
+    """
+    f = np.array([1e-4 * (channel.rate_hz or rate_hz)])
+    return math.sqrt(float(model_psd(fast_part(channel), f, 1.0 / (channel.rate_hz or rate_hz))[0]))
 
 
 def _with_turn_on(terms: tuple[SlowTerm, ...], sigma: float) -> tuple[SlowTerm, ...]:
@@ -257,7 +244,10 @@ def _axis(model: NoiseModel, name: str, turn_on: float, notes: list[str]) -> Axi
             f"{model.source or 'model'}: no channel {name}, which the filter needs; "
             "add it with at least a white_noise density"
         ) from None
-    return AxisNoise(white_density(channel), _with_turn_on(slow_terms(channel, notes), turn_on))
+    for fitted in channel.effects:
+        if fitted.name not in (*SLOW_NAMES, "white_noise"):
+            notes.append(f"{fitted.name} is no state of the filter; its cost is in the budget")
+    return AxisNoise(white_density(channel), _with_turn_on(slow_terms(channel), turn_on))
 
 
 def _aid(model: NoiseModel, name: str, rate_hz: float, notes: list[str]) -> AidNoise | None:
@@ -265,8 +255,8 @@ def _aid(model: NoiseModel, name: str, rate_hz: float, notes: list[str]) -> AidN
         channel = model.channel(name)
     except KeyError:
         return None
-    terms = []
-    for term in slow_terms(channel, notes):
+    terms: list[SlowTerm | PairTerm] = []
+    for term in slow_terms(channel):
         if math.isinf(term.correlation_time_s):
             # a walk of the receiver cannot be told from motion: bounded at 1000 s instead
             sigma = term.density * math.sqrt(500.0)
@@ -274,25 +264,32 @@ def _aid(model: NoiseModel, name: str, rate_hz: float, notes: list[str]) -> AidN
             notes.append(f"{name}: random walk taken as Gauss-Markov of 1000 s")
         else:
             terms.append(term)
-    white, colour = _fast_part(channel, 1.0 / (channel.rate_hz or rate_hz))
-    return AidNoise(white, (*terms, *colour))
+    fast = _fast_colour(channel, 1.0 / (channel.rate_hz or rate_hz))
+    if fast.lost_nats > ROUGH_NATS:
+        notes.append(
+            f"{name}: the filter's states follow the receiver's colour roughly only "
+            f"({fast.lost_nats:.3f} nats lost a measurement)"
+        )
+    return AidNoise(fast.white_sigma, (*terms, *fast.terms))
 
 
-def _fast_part(channel: ChannelModel, sample_time_s: float) -> tuple[float, tuple[SlowTerm, ...]]:
-    """Sigma of the white part of an aid, and the colour of what is faster than its slow terms.
-
-    What a receiver's own filter, a resonance or rounding leaves has no state of its own here:
-    where it is not white it becomes one Gauss-Markov term of the same variance V and the same
-    density at 0 Hz, T_c = S(0)/(2 V), so that neither the gate nor the mean is fooled.
-    """
-    fast = replace(channel, effects=tuple(f for f in channel.effects if f.name not in SLOW_NAMES))
-    f = (np.arange(2048, dtype=np.float64) + 0.5) / (4096.0 * sample_time_s)
-    psd = model_psd(fast, f, sample_time_s)
-    variance = float(np.mean(psd)) / sample_time_s
-    time_s = float(psd[0]) / (2.0 * variance) if variance > 0 else 0.0
-    if time_s < sample_time_s:
-        return math.sqrt(variance), ()
-    return 0.0, (SlowTerm.gauss_markov(math.sqrt(variance), time_s, "fast_colour"),)
+def _fast_colour(channel: ChannelModel, sample_time_s: float) -> colour.Colour:
+    """White noise and states of an aid's fast part: as it is, or else reduced."""
+    fast = fast_part(channel)
+    bands = [f.effect for f in fast.effects if isinstance(f.effect, NarrowBand)]
+    whites = [f.effect for f in fast.effects if isinstance(f.effect, WhiteNoise)]
+    if 0 < len(bands) <= 2 and len(bands) + len(whites) == len(fast.effects):
+        white2 = sum(float(e.density) ** 2 for e in whites) / sample_time_s
+        return colour.Colour(
+            math.sqrt(white2),
+            tuple(
+                PairTerm.narrow_band(float(e.sigma), float(e.frequency_hz), float(e.bandwidth_hz))
+                for e in bands
+            ),
+            0.0,
+        )
+    psd = model_psd(fast, colour.grid(sample_time_s), sample_time_s)
+    return colour.reduced(psd, sample_time_s)
 
 
 def _three(found: list, default: tuple) -> tuple:

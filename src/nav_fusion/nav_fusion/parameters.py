@@ -77,7 +77,7 @@ class Parameters:
     alignment_s: float = 1.0
     initial_heading_rad: float = math.nan
     initial_heading_sigma_rad: float = 0.1
-    heading_hypotheses: int = 16
+    heading_hypotheses: int = 32
     initial_speed_sigma_m_s: float = 100.0
     origin: Vector | None = None
     gyro_turn_on_rad_s: float = 0.01

@@ -10,7 +10,8 @@ import numpy as np
 from imu_noise_id.errors import InputError
 from numpy.typing import NDArray
 
-from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise, SlowTerm
+from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise
+from nav_fusion.noise_terms import PairTerm, SlowTerm
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -22,7 +23,7 @@ STRIDE = 48
 """Distance between rows of a covariance; the most error states that a filter can have."""
 
 # What a slow state acts on.
-GYRO, ACCEL, POSITION, VELOCITY, HEADING = 0, 3, 6, 9, 12
+GYRO, ACCEL, POSITION, VELOCITY, HEADING, UNSEEN = 0, 3, 6, 9, 12, 99
 IMU_TARGETS = 6
 
 # Layout of one hypothesis: navigation, bookkeeping, slow states, covariance.
@@ -39,13 +40,15 @@ class SlowModel(NamedTuple):
     """Slow states as arrays, in the order gyro, accelerometer, position, velocity, heading.
 
     ``target`` (m,) what each acts on; ``rate`` (m,) 1/T; ``psd`` (m,) of its driving noise;
-    ``variance`` (m,) at the start.
+    ``variance`` (m,) at the start; ``spin`` (m,) rad/s, other than 0 where a state and the next
+    are a pair (:class:`nav_fusion.noise.PairTerm`).
     """
 
     target: Ints
     rate: Floats
     psd: Floats
     variance: Floats
+    spin: Floats
 
 
 @dataclass(frozen=True)
@@ -88,30 +91,37 @@ def layout_of(noise: NavigationNoise, velocity: bool = True, heading: bool = Tru
         groups.append((VELOCITY, noise.velocity))
     if heading:
         groups.append((HEADING, (noise.heading,)))
-    rows: list[tuple[int, SlowTerm]] = [
-        (base + axis, term)
+    rows = [
+        row
         for base, axes in groups
         for axis, one in enumerate(axes)
         for term in one.terms
+        for row in rows_of(base + axis, term)
     ]
     if NAV + len(rows) > STRIDE:
         raise InputError(
             f"{noise.source or 'model'}: {len(rows)} slow terms, more than the {STRIDE - NAV} that "
             "the filter takes; leave out the weakest"
         )
-    slow = SlowModel(
-        np.array([target for target, _ in rows], dtype=np.int64),
-        np.array([_rate(term) for _, term in rows], dtype=float),
-        np.array([term.density**2 for _, term in rows], dtype=float),
-        np.array([term.initial_sigma**2 for _, term in rows], dtype=float),
-    )
+    numbers = np.array([row[1:5] for row in rows], dtype=float).reshape(-1, 4).T.copy()
+    slow = SlowModel(np.array([row[0] for row in rows], dtype=np.int64), *numbers)
     return Layout(
         slow,
-        tuple(term.name for _, term in rows),
+        tuple(row[5] for row in rows),
         np.array([a.white_density**2 for a in noise.gyro]),
         np.array([a.white_density**2 for a in noise.accel]),
     )
 
 
-def _rate(term: SlowTerm) -> float:
-    return 0.0 if math.isinf(term.correlation_time_s) else 1.0 / term.correlation_time_s
+def rows_of(
+    target: int, term: SlowTerm | PairTerm
+) -> tuple[tuple[int, float, float, float, float, str], ...]:
+    """Target, rate, spectrum, variance, spin and name of each state of a term."""
+    if isinstance(term, PairTerm):
+        variance, (first, second) = term.sigma**2, term.rates
+        return (
+            (target, first, 2 * first * variance, variance, term.spin_rad_s, term.name),
+            (UNSEEN, second, 2 * second * variance, variance, 0.0, term.name),
+        )
+    rate = 0.0 if math.isinf(term.correlation_time_s) else 1.0 / term.correlation_time_s
+    return ((target, rate, term.density**2, term.initial_sigma**2, 0.0, term.name),)

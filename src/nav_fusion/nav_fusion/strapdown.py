@@ -17,6 +17,7 @@ from imu_noise_id.compiled import njit
 from numpy.typing import NDArray
 
 from nav_fusion.earth import EARTH_RATE_RAD_S, gravity_at
+from nav_fusion.noise_terms import pair_step
 from nav_fusion.state import IMU_TARGETS, NAV, STRIDE, Q, R, SlowModel, V
 
 Floats = NDArray[np.float64]
@@ -266,9 +267,13 @@ def slow_step(slow: SlowModel, dt: float, decay: Floats, mean: Floats, half_nois
 
     x = dt/T.  Half the noise is (q T/2) tanh x, so that half before and half after a decay leave
     the stationary variance exactly q T/2; q dt/2 for a walk.  Below x = 1e-3 by their series,
-    exact to the last bit there and cheap where every step has another length.
+    exact to the last bit there and cheap where every step has another length.  Pairs keep still:
+    :func:`turn_pairs` moves them.
     """
     for s in range(slow.rate.size):
+        if slow.spin[s] != 0.0 or (s > 0 and slow.spin[s - 1] != 0.0):
+            decay[s], mean[s], half_noise[s] = 1.0, 1.0, 0.0
+            continue
         x = slow.rate[s] * dt
         if x < 1e-3:
             decay[s] = 1.0 - x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x / 24.0)))
@@ -278,6 +283,36 @@ def slow_step(slow: SlowModel, dt: float, decay: Floats, mean: Floats, half_nois
             decay[s] = math.exp(-x)
             mean[s] = -math.expm1(-x) / x
             half_noise[s] = 0.5 * slow.psd[s] / slow.rate[s] * math.tanh(x)
+
+
+@njit(cache=True)
+def turn_pairs(P: Floats, slow: SlowModel, dt: float) -> None:
+    """P <- Phi P Phi' + sigma^2 (I - Phi Phi') for each pair of states, stationary as it is."""
+    n = NAV + slow.target.size
+    for k in range(slow.target.size):
+        if slow.spin[k] == 0.0:
+            continue
+        a, b, c, d = pair_step(slow.rate[k], slow.rate[k + 1], slow.spin[k], dt)
+        p, q, v = (NAV + k) * STRIDE, (NAV + k + 1) * STRIDE, slow.variance[k]
+        i, j = NAV + k, NAV + k + 1
+        x, y, z = P[p + i] - v, P[p + j], P[q + j] - v
+        for h in range(n):
+            top, low = P[p + h], P[q + h]
+            P[p + h], P[q + h] = a * top + b * low, c * top + d * low
+            P[h * STRIDE + i], P[h * STRIDE + j] = P[p + h], P[q + h]
+        P[p + i] = v + a * a * x + 2.0 * a * b * y + b * b * z
+        P[q + j] = v + c * c * x + 2.0 * c * d * y + d * d * z
+        P[p + j] = a * c * x + (a * d + b * c) * y + b * d * z
+        P[q + i] = P[p + j]
+
+
+@njit(cache=True)
+def move_pairs(x: Floats, slow: SlowModel, dt: float) -> None:
+    """Take the pairs among the slow states ``x`` (m,) over a step."""
+    for k in range(slow.target.size):
+        if slow.spin[k] != 0.0:
+            a, b, c, d = pair_step(slow.rate[k], slow.rate[k + 1], slow.spin[k], dt)
+            x[k], x[k + 1] = a * x[k] + b * x[k + 1], c * x[k] + d * x[k + 1]
 
 
 class Scratch(NamedTuple):
@@ -341,6 +376,7 @@ def propagate_covariance(
     bias_rows(work.turned, NAV, work.mean, slow.target, C, work.bias)
     transition_rows(work.turned, work.bias, work.block, NAV, f, up, k, dt)
     put_back(P, slow.target.size, work)
+    turn_pairs(P, slow, dt)
     add_half_noise(P, force, turn, work.half_noise)
 
 

@@ -14,7 +14,8 @@ from nav_fusion.chains import (
     position_chain,
 )
 from nav_fusion.discretize import first_order
-from nav_fusion.noise import AidNoise, AxisNoise, SlowTerm
+from nav_fusion.noise import AidNoise, AxisNoise
+from nav_fusion.noise_terms import SlowTerm
 from nav_fusion.schedule import run_covariance, steady
 
 LATITUDE = SampledModel(0.8208, 0.5819, 17.49, -14.49, 0.1)

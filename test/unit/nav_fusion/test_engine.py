@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from nav_fusion.consistency import covariance_of, innovations_of, is_symmetric_positive
 from nav_fusion.engine import Engine
-from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise, SlowTerm, mems_defaults
+from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise, mems_defaults
+from nav_fusion.noise_terms import SlowTerm
 from nav_fusion.parameters import Parameters
 from nav_fusion.solution import solve
 
@@ -174,6 +175,17 @@ def test_at_rest_the_velocity_is_known_to_what_the_accelerometer_walks_in_a_bloc
 
 
 # ---------------------------------------------------------------- bad input
+
+
+def test_at_rest_neither_heading_nor_tilt_become_known_from_nothing() -> None:
+    """Tilt is known to the accelerometer's bias over gravity, heading as well as at the start."""
+    parameters = replace(HEADED, initial_heading_sigma_rad=0.1)
+    engine, rows = fused(drive(90.0, rest_s=200.0, seed=5), parameters)
+    solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
+    east, north, heading = np.sqrt(np.diag(solution.pose_covariance[-1]))[3:]
+    assert engine.status().still_updates > 200
+    assert min(east, north) > 0.98 * 0.05 / 9.81
+    assert heading > 0.0999
 
 
 def test_no_fix_nan_and_places_off_the_earth_are_left_out() -> None:

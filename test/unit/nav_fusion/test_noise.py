@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from imu_noise_id.curves import model_psd
+from imu_noise_id.effects.bandwidth_limit import BandwidthLimit
 from imu_noise_id.effects.gauss_markov import GaussMarkov
 from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.quantization import Quantization
@@ -13,8 +15,9 @@ from imu_noise_id.effects.rate_random_walk import RateRandomWalk
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.errors import InputError
 from imu_noise_id.model import ChannelModel, FittedEffect, NoiseModel
+from nav_fusion.colour import grid, sampled_psd
 from nav_fusion.noise import LEVEL, TurnOn, flicker_terms, from_model, mems_defaults
-from nav_fusion.state import layout_of
+from nav_fusion.state import UNSEEN, layout_of
 
 UNITS = {"angular_velocity": "rad/s", "linear_acceleration": "m/s^2", "position": "m"}
 
@@ -65,16 +68,44 @@ def test_a_density_of_the_receiver_becomes_the_sigma_of_a_fix() -> None:
     assert not noise.position_claimed
 
 
-def test_a_receivers_fast_colour_keeps_its_variance_as_one_gauss_markov_term() -> None:
+def test_a_receivers_narrow_band_is_two_states_with_its_own_law() -> None:
     band = NarrowBand(frequency_hz=0.2, bandwidth_hz=0.1, sigma=0.4)
     noise = from_model(
         NoiseModel((*imu(WhiteNoise(1e-4)), *(channel(f"position.{a}", band) for a in LEVEL)))
     )
     east = noise.position[0]
-    assert east.white_sigma**2 + sum(t.initial_sigma**2 for t in east.terms) == pytest.approx(
-        0.16, rel=0.02
+    (pair,) = east.terms
+    f = np.linspace(0.05, 4.9, 30)
+    np.testing.assert_allclose(sampled_psd(pair, f, 0.1), band.psd(f, 0.1), rtol=1e-9)
+    assert east.white_sigma == 0.0
+    slow = layout_of(noise, False, False).slow
+    assert list(slow.target[-6:]) == [6, UNSEEN, 7, UNSEEN, 8, UNSEEN]
+
+
+def test_a_receiver_behind_a_low_pass_keeps_variance_and_density_in_few_states() -> None:
+    effects = WhiteNoise(0.2), BandwidthLimit(cutoff_hz=0.5, order=2, damping=0.9)
+    noise = from_model(
+        NoiseModel((*imu(WhiteNoise(1e-4)), *(channel(f"position.{a}", *effects) for a in LEVEL)))
     )
-    assert len(east.terms) == 1
+    east = noise.position[0]
+    f = grid(0.1)
+    true = model_psd(channel("position.east", *effects), f, 0.1)
+    found = sum(
+        (sampled_psd(t, f, 0.1) for t in east.terms), np.full(f.size, 0.1) * east.white_sigma**2
+    )
+    assert layout_of(noise, False, False).slow.target.size <= 12 + 3 * 4
+    assert np.mean(found) == pytest.approx(np.mean(true), rel=0.03)
+    assert found[0] == pytest.approx(true[0], rel=0.1)
+    assert np.mean(true / found) == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_white_density_of_an_inertial_axis_is_its_fast_spectrum_at_0_hz() -> None:
+    limited = imu(WhiteNoise(1e-3), BandwidthLimit(cutoff_hz=2.0, order=1, damping=0.7))
+    assert from_model(NoiseModel(tuple(limited))).gyro[0].white_density == pytest.approx(
+        1e-3, rel=1e-4
+    )
+    band = imu(NarrowBand(frequency_hz=1.0, bandwidth_hz=1.0, sigma=1e-3))
+    assert from_model(NoiseModel(tuple(band))).gyro[0].white_density > 1e-4
 
 
 def test_without_position_channels_the_claim_is_used_and_said() -> None:

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from nav_fusion.engine import Engine, joined
-from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise, SlowTerm
+from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise
+from nav_fusion.noise_terms import SlowTerm
 from nav_fusion.parameters import Parameters
 from nav_fusion.solution import Solution, solve
 from scipy.spatial.transform import Rotation

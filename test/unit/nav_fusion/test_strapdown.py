@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from nav_fusion.discretize import exact
 from nav_fusion.earth import EARTH_RATE_RAD_S
-from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise, SlowTerm
+from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise
+from nav_fusion.noise_terms import PairTerm, SlowTerm
 from nav_fusion.solution import cross_matrix
 from nav_fusion.state import NAV, STRIDE, layout_of
 from scipy.spatial.transform import Rotation
@@ -18,7 +19,14 @@ GYRO = AxisNoise(
     (SlowTerm(0.01, float("inf"), 1e-5, "walk"), SlowTerm.gauss_markov(1e-3, 20.0, "gauss_markov")),
 )
 ACCEL = AxisNoise(3e-3, (SlowTerm.gauss_markov(0.02, 40.0, "gauss_markov"),))
-FIX = AidNoise(0.3, (SlowTerm.gauss_markov(0.8, 30.0, "gauss_markov"),))
+FIX = AidNoise(
+    0.3,
+    (
+        SlowTerm.gauss_markov(0.8, 30.0, "gauss_markov"),
+        PairTerm.narrow_band(0.4, 0.7, 0.2),
+        PairTerm.low_pass(0.2, 2.0, 0.8, "low_pass"),
+    ),
+)
 LAYOUT = layout_of(
     NavigationNoise((GYRO,) * 3, (ACCEL,) * 3, (FIX,) * 3, (FIX,) * 3, FIX), False, False
 )
@@ -40,6 +48,8 @@ def continuous(C: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray
     A[3:6, 6:9] = -cross_matrix(force)
     for s, target in enumerate(slow.target):
         A[NAV + s, NAV + s], spectrum[NAV + s, NAV + s] = -slow.rate[s], slow.psd[s]
+        if slow.spin[s] != 0.0:
+            A[NAV + s, NAV + s + 1], A[NAV + s + 1, NAV + s] = -slow.spin[s], slow.spin[s]
         if target < 3:
             A[6:9, NAV + s] = -C[:, target]
         elif target < 6:
