@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from numba import njit
+from imu_noise_id.compiled import njit
 
 
 @dataclass(frozen=True)
