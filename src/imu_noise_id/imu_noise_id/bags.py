@@ -244,18 +244,18 @@ class McapSource:
 
     def _type(self, channel_id: int) -> str:
         schema = self.found.schemas.get(self.found.channels[channel_id].schema_id)
-        return schema.name if schema else "(no type)"
+        return _ros2_name(schema.name) if schema else "(no type)"
 
     def _problem(self, channel_id: int) -> str:
         channel = self.found.channels[channel_id]
         schema = self.found.schemas.get(channel.schema_id)
-        if schema is None or schema.name not in LAYOUTS:
+        if schema is None or self._type(channel_id) not in LAYOUTS:
             return ""
         if channel.encoding != "cdr":
             return f"is encoded as {channel.encoding!r}, not cdr; convert the bag to ROS 2"
         if schema.encoding not in ("ros2msg", ""):
             return f"is defined in {schema.encoding!r}, not ros2msg; convert the bag"
-        return _definition_problem(schema.name, schema.text)
+        return _definition_problem(self._type(channel_id), schema.text)
 
     def _most(self) -> int:
         """Most messages believed: one takes a byte of the file at least, however it is packed."""
@@ -344,6 +344,12 @@ def _open_source(path: Path, label: str, compression: str, stack: ExitStack) -> 
     except DamagedError as damage:
         raise InputError(f"{label}: {damage}; give a rosbag2 folder or an .mcap file") from damage
     return McapSource(file, found, compression, list(found.notes))
+
+
+def _ros2_name(msgtype: str) -> str:
+    """``sensor_msgs/Imu`` of ROS 1, and of some writers of ROS 2, as ``sensor_msgs/msg/Imu``."""
+    package, slash, name = msgtype.partition("/")
+    return f"{package}/msg/{name}" if slash and "/" not in name else msgtype
 
 
 def _definition_problem(msgtype: str, text: str) -> str:

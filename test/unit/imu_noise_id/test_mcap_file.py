@@ -151,6 +151,26 @@ def test_unpacking_stops_at_its_limit():
         mcap_file.decompress(zstandard.compress(bytes(50 << 20)), "zstd", 1000)
 
 
+@pytest.mark.parametrize(
+    ("encoding", "says"), [("cdr", None), ("ros1", "convert the bag to ROS 2")]
+)
+def test_a_type_may_be_named_as_in_ros_1(tmp_path, imu, encoding, says):
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile=encoding)
+        schema = writer.register_schema("sensor_msgs/Imu", "ros2msg", b"")
+        channel = writer.register_channel(imu.topic, encoding, schema)
+        for time, row in zip(imu.log_ns.tolist(), imu.messages, strict=True):
+            writer.add_message(channel, time, row.tobytes(), time)
+        writer.finish()
+    if says is None:
+        assert gyro(path).values.size == COUNT
+        return
+    with pytest.raises(InputError, match=says):
+        read_recording(path)
+
+
 def test_an_unknown_compression_is_named():
     with pytest.raises(mcap_file.DamagedError, match="unknown compression 'gzip'"):
         mcap_file.decompress(b"", "gzip", 10)

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 from imu_noise_id.errors import InputError
 from imu_noise_id.export.reduction import (
+    WHITE_AND_DRIFT,
     Drift,
     Exported,
     channels_of,
@@ -17,9 +18,6 @@ from imu_noise_id.export.reduction import (
 )
 from imu_noise_id.model import ChannelModel, NoiseModel
 
-_HELD = frozenset(
-    ("white_noise", "output_rounding", "gauss_markov", "bias_instability", "rate_random_walk")
-)
 _SMALLEST_PRECISION = 1.0e-6  # gz-sensors takes a smaller one for none
 _HEAD = """ Noise of the real sensor for Gazebo, written by imu_noise_id.
      stddev: per sample, density*sqrt(rate), for sensors that run at {rate:g} Hz only; SI units.
@@ -95,7 +93,7 @@ def _stddev(channel: ChannelModel, rate_hz: float) -> float:
 
 
 def _noise(channel: ChannelModel, rate_hz: float, notes: list[str]) -> ElementTree.Element:
-    notes += left_out(channel, _HELD, "gazebo")
+    notes += left_out(channel, WHITE_AND_DRIFT, "gazebo")
     values = {"stddev": _stddev(channel, rate_hz)}
     gyro = channel.name.startswith("angular_velocity")
     values["mean"] = channel.mean if gyro else 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from imu_noise_id.export.reduction import (
+    WHITE_AND_DRIFT,
     Exported,
     channels_of,
     comment,
@@ -12,9 +13,6 @@ from imu_noise_id.export.reduction import (
 )
 from imu_noise_id.model import NoiseModel
 
-_HELD = frozenset(
-    ("white_noise", "output_rounding", "gauss_markov", "bias_instability", "rate_random_walk")
-)
 _KEYS = (
     ("accelerometer_covariance", "linear_acceleration", "white", "(m/s^2)^2/Hz"),
     ("gyroscope_covariance", "angular_velocity", "white", "(rad/s)^2/Hz"),
@@ -46,7 +44,7 @@ def export(model: NoiseModel, rate_hz: float) -> Exported:
     notes: list[str] = []
     for quantity in ("linear_acceleration", "angular_velocity"):
         for channel in channels_of(model, quantity, "gtsam").values():
-            notes += left_out(channel, _HELD, "gtsam")
+            notes += left_out(channel, WHITE_AND_DRIFT, "gtsam")
     lines = []
     for key, quantity, kind, unit in _KEYS:
         axes = channels_of(model, quantity, "gtsam").values()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from imu_noise_id.export.reduction import (
+    WHITE_AND_DRIFT,
     Exported,
     channels_of,
     comment,
@@ -12,9 +13,6 @@ from imu_noise_id.export.reduction import (
 )
 from imu_noise_id.model import NoiseModel
 
-_HELD = frozenset(
-    ("white_noise", "output_rounding", "gauss_markov", "bias_instability", "rate_random_walk")
-)
 _SENSORS = (("accelerometer", "linear_acceleration"), ("gyroscope", "angular_velocity"))
 
 
@@ -33,7 +31,7 @@ def export(model: NoiseModel, rate_hz: float) -> Exported:
         axes = channels_of(model, quantity, "kalibr")
         topic = axes["x"].topic
         for channel in axes.values():
-            notes += left_out(channel, _HELD, "kalibr")
+            notes += left_out(channel, WHITE_AND_DRIFT, "kalibr")
         white = max(white_density(channel, rate_hz, "kalibr") for channel in axes.values())
         walk = max(walk_density(channel, notes) for channel in axes.values())
         unit = axes["x"].unit

@@ -24,6 +24,10 @@ from imu_noise_id.model import ChannelModel, FittedEffect, NoiseModel
 
 FLICKER_FLOOR = math.sqrt(2.0 * math.log(2.0) / math.pi)  # 0.664: flat Allan deviation over B
 GAUSS_MARKOV_PEAK = 0.618  # largest Allan deviation over sigma, at 1.89 correlation times
+WHITE_AND_DRIFT = frozenset(
+    ("white_noise", "output_rounding", "gauss_markov", "bias_instability", "rate_random_walk")
+)
+"""Effects that a target holds which has a white density and a walk or a Gauss-Markov term."""
 LONGEST_CORRELATION_S = 1.0e7  # stands for a walk where only Gauss-Markov terms can be written
 
 
