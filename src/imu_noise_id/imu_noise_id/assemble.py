@@ -29,6 +29,8 @@ _WIDEST = np.array((90.0, 360.0, 1e7))
 """Latitude and longitude in degrees and altitude in metres that can be."""
 _ABSURD = 1e100
 """No sensor's value; counted as not finite, so that squares can be taken."""
+_COUNTED_FROM_ZERO_NS = 1_000_000_000_000_000_000
+"""Stamps before 2001 are a simulation's, which may begin at 0."""
 _SPREAD_NS = 86_400_000_000_000
 
 
@@ -122,7 +124,7 @@ def _too_few(columns: TopicColumns, timing: Timing) -> str:
 
 
 def _used_stamps(columns: TopicColumns, said: list[str]) -> TopicColumns:
-    """Header stamps, log times where those are zero."""
+    """Header stamps, log times where those are zero (and zero is no time of a simulation)."""
     if columns.invalid:
         kind = columns.type.replace("/msg/", "/")
         said.append(f"{columns.invalid} messages of topic {columns.topic} are no {kind}: left out")
@@ -131,7 +133,7 @@ def _used_stamps(columns: TopicColumns, said: list[str]) -> TopicColumns:
         said.append(f"topic {columns.topic} has messages of several frames ({frames})")
     zero = columns.stamp_ns == 0
     count = int(np.count_nonzero(zero))
-    if count == 0:
+    if count == 0 or (count < zero.size and columns.stamp_ns.max() < _COUNTED_FROM_ZERO_NS):
         return columns
     every = "all" if count == zero.size else f"{count} of {zero.size}"
     said.append(

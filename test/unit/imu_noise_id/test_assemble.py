@@ -1,5 +1,7 @@
 """Topics to channels, without files."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from imu_noise_id.assemble import to_recording
@@ -76,6 +78,15 @@ def test_fixes_without_an_altitude_still_have_east_and_north(rng):
     assert of_some.channel("position.up").quality.non_finite == 1
     assert [c.name for c in of_none.channels] == ["position.east", "position.north"]
     assert "position.up: no finite sample" in of_none.notes[0]
+
+
+def test_a_simulation_may_begin_at_zero(rng):
+    topic = make.still_imu(rng, stamp_ns=make.uniform(1000, 100.0, 0))
+    columns = replace(received(topic), log_ns=make.uniform(1000, 100.0, make.START_NS))
+    recording = to_recording([columns], "x")
+    assert recording.start_ns == 0
+    assert recording.notes == recording.channels[0].quality.notes == ()
+    assert recording.channels[0].values.size == 1000
 
 
 def test_a_receiver_that_never_has_a_fix_is_said_to_have_none(rng):
