@@ -13,12 +13,25 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.variance_change import variance_scan
-from imu_noise_id.ordinates import bin_edges
+from imu_noise_id.ordinates import Ordinates, Residual, bin_edges
+from imu_noise_id.reconcile.prior import Prior, map_fit
 from imu_noise_id.reconcile.result import Where
 from imu_noise_id.recording import Floats
+from imu_noise_id.whittle import log_likelihood
 
-NAMES = ("spectrum", "line", "modulation", "kurtosis", "skewness", "extreme", "burst", "levels")
+NAMES = (
+    "spectrum",
+    "band",
+    "line",
+    "modulation",
+    "kurtosis",
+    "skewness",
+    "extreme",
+    "burst",
+    "levels",
+)
 """Statistics with a simulated null, in the order of their columns."""
 
 BURST_BLOCKS = 256
@@ -79,6 +92,7 @@ def battery(record: Whitened) -> tuple[Statistic, ...]:
     """All statistics of ``NAMES``, in order."""
     return (
         _spectrum(record),
+        _band(record),
         _line(record, record.samples, "line", "spectrum"),
         _line(record, _unit(record.samples**2), "modulation", "time"),
         *_moments(record),
@@ -116,6 +130,23 @@ def _spectrum(record: Whitened) -> Statistic:
     f = record.frequency_hz
     low, high = float(f[place[0]]), float(f[place[1] - 1])
     return Statistic("spectrum", best, Where("spectrum", low, high, "Hz", sign))
+
+
+def _band(record: Whitened) -> Statistic:
+    """Gain of the best narrow band over what is white: a window of bins fits its shape less well."""
+    f, one = record.frequency_hz, np.ones(record.ratio.size)
+    n, dt = record.samples.size, record.sample_time_s
+    bins = Ordinates(f, record.ratio, record.dof, dt, n * dt)
+    starts = NarrowBand.starts(Residual(bins, one, np.zeros((0, f.size))))
+    if not starts:
+        return Statistic("band", 0.0, Where("spectrum", float(f[0]), float(f[-1]), "Hz", 1.0))
+    fitted = map_fit(starts, bins, Prior.none(), 1.0)
+    gain = max(fitted.objective - log_likelihood(one, bins), 0.0)
+    (band,) = fitted.effects
+    assert isinstance(band, NarrowBand)
+    low = max(band.frequency_hz - 0.5 * band.bandwidth_hz, 0.0)
+    place = Where("spectrum", low, band.frequency_hz + 0.5 * band.bandwidth_hz, "Hz", 1.0)
+    return Statistic("band", gain, place)
 
 
 def _line(record: Whitened, unit: Floats, name: str, domain: str) -> Statistic:

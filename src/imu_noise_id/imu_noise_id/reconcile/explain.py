@@ -31,7 +31,6 @@ from imu_noise_id.recording import Floats
 from imu_noise_id.selection import RESPONSES, SOURCES
 
 PRICE_PER_PARAMETER = 3.0
-LINE_PRICE = 8.0
 PREFERENCE = 1.5
 DRIFTS = (*SLOW, "temperature", "rate_ramp", "bias_step")
 TELEGRAPH_BLOCKS = 1500
@@ -126,9 +125,9 @@ def _sources(state: State, found: Analysis) -> list[Candidate]:
         for effects, residual in bases:
             for start in kind.starts(residual):
                 price = PRICE_PER_PARAMETER * len(start.free())
-                price += LINE_PRICE if kind.name == "narrow_band" else 0.0
                 grown = replace(state, effects=(*effects, start))
-                tried.append(_candidate(ADD, start, price, found, grown))
+                trial = _candidate(ADD, start, price, found, grown)
+                tried.append(replace(trial, price=price + _place_price(trial.effect, state)))
         own = [c for c in tried if not _same_band(c, state)]
         out += sorted(own, key=lambda c: -c.net)[:1]
     if not _count(state, "white_noise"):
@@ -137,6 +136,21 @@ def _sources(state: State, found: Analysis) -> list[Candidate]:
         grown = replace(state, effects=(*found.fit.effects, start))
         out.append(_candidate(ADD, start, PRICE_PER_PARAMETER, found, grown))
     return out
+
+
+def _place_price(effect: Effect, state: State) -> float:
+    """Nats for the search of a frequency: log of how many places there are.
+
+    The price of the parameter itself pays for e^3 of them.
+    """
+    n, dt = state.values.size, state.sample_time_s
+    if isinstance(effect, NarrowBand):
+        width_hz = max(effect.bandwidth_hz, 1.0 / (n * dt))
+    elif isinstance(effect, Periodic):
+        width_hz = 0.5 / (n * dt)  # sought at every half spacing
+    else:
+        return 0.0
+    return max(float(np.log(0.5 / dt / width_hz)) - PRICE_PER_PARAMETER, 0.0)
 
 
 def _same_band(candidate: Candidate, state: State) -> bool:
@@ -215,7 +229,7 @@ def _lines(state: State, found: Analysis) -> list[Candidate]:
     grown = replace(state, columns=(*state.columns, *pair), effects=found.fit.effects)
     trial = _candidate(ADD, pair[0].effect, 0.0, found, grown)
     amplitude = float(np.hypot(*trial.found.sizes[-2:]))
-    price = 2.0 * PRICE_PER_PARAMETER + LINE_PRICE
+    price = 2.0 * PRICE_PER_PARAMETER + _place_price(pair[0].effect, state)
     steady, wander = steadied(trial.state, trial.found, len(state.columns))
     if wander:
         trial = _candidate(ADD, pair[0].effect, 0.0, found, steady)

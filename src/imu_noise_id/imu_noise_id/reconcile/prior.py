@@ -140,6 +140,11 @@ class Prior:
     std_error: Floats
     drift: DriftPrior | None = None
 
+    @classmethod
+    def none(cls) -> Prior:
+        """Nothing known of anything."""
+        return cls(np.zeros(0), np.zeros((0, 0)), np.zeros(0))
+
     def cost(self, theta: Floats) -> float:
         """Nats that the distance from the model costs."""
         q = self.centre.size
@@ -223,7 +228,7 @@ def prior_of(model: ChannelModel, floor_std_error: float = 0.0) -> Prior:
         if given.shape == (len(numeric), len(numeric)):
             covariance = np.nan_to_num(0.5 * (given + given.T))[np.ix_(rows, rows)]
     if centre.size == 0:
-        return Prior(centre, np.zeros((0, 0)), centre)
+        return Prior.none()
     variance, axes = np.linalg.eigh(covariance)
     std_error = np.sqrt(np.maximum(variance, 1e-8) + floor_std_error**2)
     return Prior(centre, axes, np.minimum(std_error, WIDEST_STD_ERROR))

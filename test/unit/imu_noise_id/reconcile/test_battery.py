@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from imu_noise_id.effects.gauss_markov import GaussMarkov
+from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.ordinates import Ordinates
 from imu_noise_id.reconcile.battery import NAMES, battery, white_record
@@ -55,6 +56,17 @@ def test_a_cache_that_cannot_be_written_costs_only_the_cache(
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     assert load_null(1000, DT, 1, 20).nats.shape == (20, len(NAMES))
+
+
+def test_a_band_shows_by_at_least_what_its_true_law_gains() -> None:
+    truth = NarrowBand(18.0, 1.0, 0.25)
+    rng = np.random.default_rng(4)
+    record = white_record(rng.standard_normal(N) + truth.simulate(N, DT, rng), DT)
+    seen = {s.name: s for s in battery(record)}["band"]
+    law = 1.0 + truth.psd(record.frequency_hz, DT) / DT
+    true_gain = 0.5 * record.dof @ (record.ratio - record.ratio / law - np.log(law))
+    assert seen.nats >= true_gain > 20.0
+    assert seen.where.from_ < 18.0 < seen.where.to
 
 
 @pytest.mark.parametrize("between", [0.0, 0.25, 0.5])
