@@ -133,7 +133,7 @@ def _spectrum(record: Whitened) -> Statistic:
 
 
 def _band(record: Whitened) -> Statistic:
-    """Gain of the best narrow band over what is white: a window of bins fits its shape less well."""
+    """Gain of the best narrow band over what is white; a window of bins fits it less well."""
     f, one = record.frequency_hz, np.ones(record.ratio.size)
     n, dt = record.samples.size, record.sample_time_s
     bins = Ordinates(f, record.ratio, record.dof, dt, n * dt)
