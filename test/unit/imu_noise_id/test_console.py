@@ -69,19 +69,34 @@ def test_a_pipe_shows_no_progress(capsys: pytest.CaptureFixture[str]) -> None:
     assert printed.out + printed.err == ""
 
 
-def test_a_reader_that_goes_away_is_no_error() -> None:
+def printing(redirection: str) -> subprocess.CompletedProcess[str]:
+    """Run a command that prints a great deal, its output redirected by bash."""
     code = (
         "from imu_noise_id.commands.console import Parser, run\n"
         "def work(options):\n    for k in range(100000): print('line', k)\n"
         "raise SystemExit(run(Parser('a b', 'c', 'd'), work, []))\n"
     )
-    piped = f'"{sys.executable}" -c "$CODE" | head -n 1; exit "${{PIPESTATUS[0]}}"'
-    done = subprocess.run(
-        ["bash", "-c", piped],
+    return subprocess.run(
+        ["bash", "-c", f'"{sys.executable}" -c "$CODE" {redirection}'],
         env={"CODE": code, "PATH": "/usr/bin:/bin", "PYTHONPATH": ":".join(sys.path)},
         capture_output=True,
         text=True,
     )
+
+
+def test_a_reader_that_goes_away_is_no_error() -> None:
+    done = printing('| head -n 1; exit "${PIPESTATUS[0]}"')
     assert done.stdout == "line 0\n"
     assert done.stderr == ""
     assert done.returncode == 0
+
+
+def test_an_output_that_was_closed_is_no_error() -> None:
+    done = printing(">&-")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_an_output_on_a_full_disk_is_one_line_and_status_2() -> None:
+    done = printing("> /dev/full")
+    assert done.returncode == 2
+    assert done.stderr == ("error: standard output: cannot be written (No space left on device)\n")

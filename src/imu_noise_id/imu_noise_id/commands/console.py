@@ -44,6 +44,7 @@ def run(
     # read when numpy is imported, after this: our threads go over channels, and BLAS's own would
     # spin beside them
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _open_closed_streams()
     try:
         status = work(parser.parse_args(arguments)) or 0
         sys.stdout.flush()
@@ -57,10 +58,27 @@ def run(
         return INTERRUPTED
     except BrokenPipeError:
         # the reader of our output went away (| head): nothing is left to be said
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    else:
-        return status
-    return 0
+        _silence_output()
+        return 0
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        _silence_output()
+        print(f"error: standard output: cannot be written ({error.strerror})", file=sys.stderr)
+        return BAD_INPUT
+    return status
+
+
+def _open_closed_streams() -> None:
+    """Let what is printed go nowhere where the caller has closed a stream (``>&-``)."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 - stays open
+
+
+def _silence_output() -> None:
+    """Leave nothing that the end of the process would try to write again."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def positive(text: str) -> float:
