@@ -95,6 +95,7 @@ def examine(state: State, found: Analysis, null: Null, skip: frozenset[str]) -> 
     out += _courses(state, found)
     out += _shapes(state, found)
     out += _refits(state, found)
+    out += _given_courses(state, found)
     return Findings(tuple(sorted(out, key=lambda f: f.log_p)))
 
 
@@ -238,3 +239,24 @@ def _refits(state: State, found: Analysis) -> list[Finding]:
         gain = max(free.objective - found.fit.objective, 0.0)
         out.append(_finding(f"refit {effect.name}", _log_chi2(len(rows), 2.0 * gain), place))
     return out
+
+
+def _given_courses(state: State, found: Analysis) -> list[Finding]:
+    """Gain of letting the size of one of the model's courses go."""
+    out = []
+    t = state.time_s
+    for index, column in enumerate(state.columns):
+        if column.given and np.isfinite(column.std_error):
+            freed = analyse(replace(freed_column(state, index), effects=found.fit.effects))
+            gain = max(freed.objective - found.objective, 0.0)
+            more = abs(freed.sizes[index]) - abs(column.size)
+            place = Where("time", float(t[0]), float(t[-1]), "s", float(np.sign(more)))
+            name = f"refit {column.effect.name}"
+            out.append(_finding(name, _log_chi2(1, 2.0 * gain), place))
+    return out
+
+
+def freed_column(state: State, index: int) -> State:
+    """The state with the size of one of its columns free."""
+    free = replace(state.columns[index], size=0.0, std_error=np.inf)
+    return replace(state, columns=(*state.columns[:index], free, *state.columns[index + 1 :]))

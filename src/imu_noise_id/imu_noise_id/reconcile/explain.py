@@ -21,7 +21,7 @@ from imu_noise_id.effects.temperature import Temperature
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.reconcile.battery import BURST_BLOCKS
-from imu_noise_id.reconcile.compare import footings, residual_of
+from imu_noise_id.reconcile.compare import footings, freed_column, residual_of
 from imu_noise_id.reconcile.lines import steadied
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, SLOW, without
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
@@ -348,9 +348,7 @@ def _refits(state: State, found: Analysis) -> list[Candidate]:
         out.append(replace(trial, effect=trial.found.fit.effects[index]))
     for index, column in enumerate(state.columns):
         if column.given and np.isfinite(column.std_error):
-            free = replace(column, size=0.0, std_error=np.inf)
-            columns = (*state.columns[:index], free, *state.columns[index + 1 :])
-            freed = replace(state, columns=columns, effects=found.fit.effects)
+            freed = replace(freed_column(state, index), effects=found.fit.effects)
             trial = _candidate(REFIT, column.effect, PRICE_PER_PARAMETER, found, freed)
             effect = _sized(column.effect, float(trial.found.sizes[index]))
             out.append(replace(trial, effect=effect))

@@ -8,8 +8,8 @@ model's own simulations score on average.
 Held out is the second half, with everything fitted on the first; of a line the phase is read anew,
 and its slow wander (``lines.py``) is taken out with the course of the whole record.
 What is local in time (a step, a burst, a ramp, what follows the temperature) cannot be fitted on
-one half and be seen in the other: its size comes from the even samples and is judged on the odd
-ones, under the spectrum of the whole record.
+one half and be seen in the other: its size comes from the even samples, and from the given model
+where that has it, and is judged on the odd ones, under the spectrum of the whole record.
 """
 
 from __future__ import annotations
@@ -23,7 +23,15 @@ from scipy.special import chdtr, chdtrc, ndtri
 from imu_noise_id.ordinates import ordinates
 from imu_noise_id.reconcile.battery import Whitened, battery, deviance
 from imu_noise_id.reconcile.null import Null, z_of
-from imu_noise_id.reconcile.state import Analysis, Column, State, analyse, inverse_psd, whiten
+from imu_noise_id.reconcile.state import (
+    Analysis,
+    Column,
+    State,
+    analyse,
+    generalised_least_squares,
+    inverse_psd,
+    whiten,
+)
 from imu_noise_id.recording import Floats
 
 GROUPS = 100
@@ -161,11 +169,8 @@ def _odd_samples(state: State, found: Analysis) -> tuple[Whitened, Floats]:
     even, odd = _part(state, slice(0, 2 * n, 2)), _part(state, slice(1, 2 * n, 2))
     sizes = found.sizes
     if state.columns:
-        C = fft.dct(even.values - even.values[0], norm="ortho")
-        X = np.array([fft.dct(c.shape, norm="ortho") for c in even.columns])
-        weight = inverse * dt
-        normal = (X * weight) @ X.T
-        sizes = np.linalg.lstsq(normal, (X * weight) @ C, rcond=1e-12)[0]
+        C = np.asarray(fft.dct(even.values - even.values[0], norm="ortho"))
+        sizes, _ = generalised_least_squares(replace(even, sample_time_s=dt), C, inverse)
     values = odd.values - odd.values[0]
     for size, column in zip(sizes, odd.columns, strict=True):
         values = values - size * column.shape

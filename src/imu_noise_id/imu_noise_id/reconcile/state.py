@@ -140,7 +140,7 @@ def analyse(state: State) -> Analysis:
         if state.columns:
             inverse = inverse_psd(effects, C.size, state.sample_time_s, state.floor)
             before = sizes
-            sizes, errors = _generalised_least_squares(state, C, X, inverse)
+            sizes, errors = generalised_least_squares(state, C, inverse)
             if before.size and np.all(np.abs(sizes - before) < SETTLED * errors):
                 break
             rest = C - sizes @ X
@@ -196,9 +196,18 @@ def _dct(values: Floats) -> Floats:
     return np.asarray(fft.dct(values, norm="ortho"))
 
 
-def _generalised_least_squares(
-    state: State, C: Floats, X: Floats, inverse: Floats
+def generalised_least_squares(
+    state: State, coefficients: Floats, inverse: Floats
 ) -> tuple[Floats, Floats]:
+    """Sizes of a state's columns with standard errors, what the given model says of them counted.
+
+    Parameters
+    ----------
+    state : State
+    coefficients, inverse : (n,) float64
+        DCT of the record, and 1/S.
+    """
+    X = np.array([c.coefficients for c in state.columns])
     weight = inverse * state.sample_time_s
     prior = np.array([1.0 / c.std_error**2 for c in state.columns])
     centre = np.array([c.size for c in state.columns])
@@ -206,5 +215,5 @@ def _generalised_least_squares(
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10)
     covariance /= np.outer(scale, scale)
-    right = (X * weight) @ C + np.diag(prior) @ centre
+    right = (X * weight) @ coefficients + np.diag(prior) @ centre
     return covariance @ right, np.sqrt(np.diag(covariance))

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from imu_noise_id.effects.gauss_markov import GaussMarkov
 from imu_noise_id.effects.narrow_band import NarrowBand
+from imu_noise_id.effects.rate_ramp import RateRamp
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.ordinates import Ordinates
 from imu_noise_id.reconcile.battery import NAMES, battery, white_record
-from imu_noise_id.reconcile.compare import combined
+from imu_noise_id.reconcile.compare import combined, examine
 from imu_noise_id.reconcile.gap import deviates_of_power, held_out_score, whole_score
 from imu_noise_id.reconcile.null import Null, load_null, log_p_of, simulate_null, z_of
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, Prior, map_fit, without
-from imu_noise_id.reconcile.state import State, analyse
+from imu_noise_id.reconcile.state import Column, State, analyse
 from imu_noise_id.reconcile.steps import step_scores
 from scipy import stats
 
@@ -67,6 +69,16 @@ def test_a_band_shows_by_at_least_what_its_true_law_gains() -> None:
     true_gain = 0.5 * record.dof @ (record.ratio - record.ratio / law - np.log(law))
     assert seen.nats >= true_gain > 20.0
     assert seen.where.from_ < 18.0 < seen.where.to
+
+
+def test_a_course_of_the_model_that_the_record_does_not_show_is_seen(null: Null) -> None:
+    slope, t = 3e-4, DT * np.arange(N)
+    for shown in (0.0, slope):
+        state = state_of(2, shown * t)
+        ramp = Column(RateRamp(1.0), t, slope, 0.1 * slope, given=True)
+        state = replace(state, columns=(ramp,))
+        found = {f.name: f for f in examine(state, analyse(state), null, frozenset()).all}
+        assert (found["refit rate_ramp"].log_p < -8.0) == (shown == 0.0)
 
 
 @pytest.mark.parametrize("between", [0.0, 0.25, 0.5])
