@@ -6,6 +6,8 @@ import json
 import os
 import shutil
 import signal
+import subprocess
+import sys
 from pathlib import Path
 from threading import Event, Thread
 
@@ -25,6 +27,36 @@ def test_without_a_scheduler_the_next_step_is_said(run: Run, bag: Path, tmp_path
     assert done.status == 2
     assert done.err.count("\n") == 1
     assert "dask scheduler" in done.err
+
+
+def _importing(pid: int) -> bool:
+    """Whether a worker of a command has begun to import."""
+    children = " ".join(f.read_text() for f in Path(f"/proc/{pid}/task").glob("*/children"))
+    for child in children.split():
+        process = Path(f"/proc/{child}")
+        if "spawn_main" in (process / "cmdline").read_text():
+            return "numpy" in (process / "maps").read_text()
+    return False
+
+
+def test_an_interrupt_ends_all_workers_without_a_word(bag: Path, tmp_path: Path) -> None:
+    for name in NAMES:
+        shutil.copytree(bag, tmp_path / "bags" / name)
+    code = "import sys; from imu_noise_id.commands.identify import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, "--bag", tmp_path / "bags", "--output", tmp_path / "out"]
+    with subprocess.Popen(
+        command,
+        env={**os.environ, "PYTHONPATH": ":".join(sys.path)},
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    ) as process:
+        waiting = Event()
+        while process.poll() is None and not _importing(process.pid):
+            waiting.wait(0.01)
+        os.killpg(process.pid, signal.SIGINT)
+        _, said = process.communicate()
+    assert said == b""
+    assert process.returncode == 130
 
 
 def _kill_after_first_result(victim: int, output: Path) -> None:

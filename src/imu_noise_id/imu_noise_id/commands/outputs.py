@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -111,14 +113,34 @@ def _on_cores(jobs: list[Job]) -> Iterator[Unit]:
         yield from map(identify_unit, jobs)
         return
     left = {job.name: job for job in jobs}
-    with ProcessPoolExecutor(cores, mp_context=get_context("spawn")) as pool:
-        for future in as_completed([pool.submit(identify_unit, job) for job in jobs]):
+    with ProcessPoolExecutor(
+        cores, mp_context=get_context("spawn"), initializer=_end_silently
+    ) as pool:
+        with _interrupts_wait():
+            futures = [pool.submit(identify_unit, job) for job in jobs]
+        for future in as_completed(futures):
             if isinstance(future.exception(), BrokenProcessPool):
                 break
             unit = future.result()
             del left[unit.name]
             yield unit
     yield from map(identify_unit, left.values())
+
+
+@contextlib.contextmanager
+def _interrupts_wait() -> Iterator[None]:
+    """Let Ctrl-C wait; a process that is started meanwhile inherits this."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def _end_silently() -> None:
+    """Let Ctrl-C end a worker at once, without the traceback of wherever it is."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def _on_cluster(jobs: list[Job], scheduler: str) -> Iterator[Unit]:
