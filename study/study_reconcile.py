@@ -36,8 +36,16 @@ from imu_noise_id.reconcile import (  # noqa: E402
     compare_recording,
     reconcile_recording,
 )
-from imu_noise_id.reconcile.loop import FALSE_ALARM_RATE  # noqa: E402
+from imu_noise_id.reconcile.compare import INDEPENDENT  # noqa: E402
+from imu_noise_id.reconcile.loop import (  # noqa: E402
+    FALSE_ALARM_RATE,
+    TIES_SHARE,
+    TIMING_SHARE,
+)
+from imu_noise_id.reconcile.null import load_null  # noqa: E402
 from imu_noise_id.recording import Channel, Recording, unit_of  # noqa: E402
+from scipy.special import ndtr  # noqa: E402
+from scipy.stats import chi2  # noqa: E402
 
 CLEAR_NATS, HALF_NATS = 30.0, 15.0
 POWER_NATS = (7.5, 60.0, 120.0)
@@ -327,6 +335,7 @@ def report(results: Iterable[dict[str, Any]]) -> str:
     parts = [
         HEAD,
         _controls(lines),
+        _attainable(),
         *(_names(lines, section, title) for section, title in SECTIONS),
         _coverage(lines),
         _second(lines),
@@ -363,6 +372,40 @@ def _controls(lines: list[dict[str, Any]]) -> str:
         n = len(controls)
         rows.append(f"| {model} | {n} | {wilson(changed, n)} | {wilson(alarms, n)} |")
     return "\n".join((*rows, ""))
+
+
+TESTS = 15
+"""Statistics of the battery on a typical channel."""
+
+
+def _attainable() -> str:
+    """What the rate of false alarms lets anyone see, who fits perfectly but does not know where."""
+    setting = Setting()
+    level = np.log((1.0 - TIES_SHARE - TIMING_SHARE) * FALSE_ALARM_RATE / len(setting.names))
+    limit = float(level - np.log(INDEPENDENT * TESTS))
+    dt = 1.0 / setting.rate_hz
+    null = load_null(round(setting.duration_s * setting.rate_hz), dt)
+    needed = {"known place, one parameter": 0.5 * float(chi2.isf(np.exp(limit), 1))}
+    grid = np.linspace(5.0, 40.0, 3501)
+    for name in ("band", "burst", "line"):
+        needed[f"sought: {name}"] = next(g for g in grid if null.log_p(name, g) < limit)
+    rows = [
+        "## What can be seen at this rate of false alarms\n",
+        f"One channel of six at {100 * FALSE_ALARM_RATE:g} % a recording: a statistic counts from "
+        f"log p = {limit:.1f} on.  The root of twice the log-likelihood ratio of a perfect fit is "
+        "normal about that of twice the expected gain, deviation 1; so even a perfect fit is seen "
+        "in the share given, by its strength.\n",
+        "| effect | nats that count | " + " | ".join(f"{g:g} nats" for g in SEEN_AT) + " |",
+        "|---|---|" + "---|" * len(SEEN_AT),
+    ]
+    for name, nats in needed.items():
+        seen = [ndtr(np.sqrt(2.0 * g) - np.sqrt(2.0 * nats)) for g in SEEN_AT]
+        cells = " | ".join(f"{100 * share:.0f} %" for share in seen)
+        rows.append(f"| {name} | {nats:.1f} | {cells} |")
+    return "\n".join((*rows, ""))
+
+
+SEEN_AT = (7.5, 15.0, 30.0, 45.0, 60.0)
 
 
 def _coverage(lines: list[dict[str, Any]]) -> str:

@@ -195,7 +195,7 @@ def spectral(effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
     return tuple(e for e in effects if isinstance(e, kinds) and e.name != "periodic" and e.free())
 
 
-def prior_of(model: ChannelModel, floor_std_error: float = 0.0) -> Prior:
+def prior_of(model: ChannelModel) -> Prior:
     """Prior on the spectral effects of a channel's model.
 
     Parameters
@@ -203,8 +203,6 @@ def prior_of(model: ChannelModel, floor_std_error: float = 0.0) -> Prior:
     model : ChannelModel
         Without a covariance its standard errors hold, without one a value is taken as known to
         ``TYPED_STD_ERROR``.
-    floor_std_error : float
-        Uncertainty to add to every parameter.
     """
     numeric: list[tuple[bool, bool]] = []  # (estimated at all, wanted here) of each number
     errors: list[float] = []  # of the wanted ones
@@ -230,7 +228,7 @@ def prior_of(model: ChannelModel, floor_std_error: float = 0.0) -> Prior:
     if centre.size == 0:
         return Prior.none()
     variance, axes = np.linalg.eigh(covariance)
-    std_error = np.sqrt(np.maximum(variance, 1e-8) + floor_std_error**2)
+    std_error = np.sqrt(np.maximum(variance, 1e-8))
     return Prior(centre, axes, np.minimum(std_error, WIDEST_STD_ERROR))
 
 

@@ -77,7 +77,6 @@ class Work:
     lasting : tuple of Finding
         Findings of the hits' distribution, kept to the end.
     drafts : tuple of Draft
-    notes : tuple of str
     """
 
     channel: Channel
@@ -90,7 +89,6 @@ class Work:
     unmet: tuple[Finding, ...] = ()
     lasting: tuple[Finding, ...] = ()
     drafts: tuple[Draft, ...] = ()
-    notes: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
