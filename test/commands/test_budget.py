@@ -53,6 +53,8 @@ def test_models_stand_side_by_side_in_both_files(
         (("--model", "{half}", "--output", "{out}"), "angular_velocity.x"),
         (("--model", "{model}", "--output", "{out}", "--vibration", "-1"), "--vibration"),
         (("--model", "{model}", "--output", "{out}", "--duration", "0"), "--duration"),
+        (("--model", "{model}", "--output", "{out}", "--duration", "0.01"), "--duration"),
+        (("--model", "{model}", "--output", "{out}", "--duration", "1e9"), "--duration"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(

@@ -52,7 +52,7 @@ def run(
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT
     except MemoryError:
-        print("error: not enough memory: use --last to read less", file=sys.stderr)
+        print("error: not enough memory: take a shorter time (--last, --duration)", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         return INTERRUPTED

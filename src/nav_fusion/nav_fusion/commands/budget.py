@@ -8,6 +8,7 @@ from pathlib import Path
 from imu_noise_id.commands.console import Parser, check_folder, positive, progress, run, warn
 from imu_noise_id.errors import InputError
 
+SHORTEST_S, LONGEST_S = 1.0, 86_400.0
 _EXAMPLES = """\
   ros2 run nav_fusion budget --model out/model.yaml --output budget
   ros2 run nav_fusion budget --model cheap.yaml good.yaml --output budget --duration 600
@@ -69,6 +70,10 @@ def work(options: argparse.Namespace) -> None:
     for name in ("temperature", "vibration", "turn_on_gyro", "turn_on_accel"):
         if not 0.0 <= getattr(options, name) < float("inf"):
             raise InputError(f"--{name.replace('_', '-')}: a finite number from 0 is needed")
+    if not SHORTEST_S <= options.duration <= LONGEST_S:
+        raise InputError(
+            f"--duration {options.duration:g}: {SHORTEST_S:g} to {LONGEST_S:g} s can be computed"
+        )
     folder = Path(options.output)
     check_folder(folder)
     from imu_noise_id.files import write_or_keep, write_text
