@@ -18,6 +18,12 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+FEWEST_FIXES = 30
+"""Fewer say nothing about the covariance."""
+
+MANY_GATED = 0.1
+"""A true model's gate keeps one fix in 10^4 out; a tenth is no matter of single bad fixes."""
+
 
 def normalised_squares(error: Floats, covariance: Floats) -> Floats:
     """e' P^-1 e of errors (..., k) with covariances (..., k, k): NEES, or NIS of innovations."""
@@ -206,4 +212,39 @@ def _all_notes(engine: Engine, total: dict[int, int], s: Floats) -> tuple[str, .
                 "heading not observable: no magnetometer, and the platform has not moved "
                 "enough for the fixes to show it"
             )
-    return tuple(notes)
+    gated, used = total[observe.GATED], total[observe.USED]
+    if gated + used >= FEWEST_FIXES and gated > MANY_GATED * (gated + used):
+        notes.append(
+            f"the covariance is not to be trusted: {gated} of {gated + used} fixes were kept out "
+            "by the gate, more than bad fixes explain"
+        )
+    return (*notes, *_verdict(engine, s))
+
+
+def _verdict(engine: Engine, s: Floats) -> tuple[str, ...]:
+    """Say in a sentence where the fixes contradict the covariance: mean NIS outside 99.9 %."""
+    fixes = int(s[observe.DOF_SUM]) // 3
+    if fixes < FEWEST_FIXES:
+        return ()
+    mean = float(s[observe.NIS_SUM]) / fixes
+    low, high = mean_band(3, fixes, 0.999)
+    factor = math.sqrt(mean / 3.0)
+    assumed = (
+        "the covariance that the receiver claims, or that is assumed where it claims none,"
+        if engine.noise.position_claimed
+        else "the model's noise of the fixes"
+    )
+    if mean > high:
+        return (
+            f"the covariance is not to be trusted: the fixes differ from what it expects by "
+            f"{factor:.1f} times its sigma (NIS {mean:.2f}, expected {low:.2f} to {high:.2f}); "
+            f"{assumed} may be too small, the receiver's noise coloured, the IMU noisier than its "
+            "model, or gnss_delay_s and lever_arm_m not those of the platform",
+        )
+    if mean < low:
+        return (
+            f"the covariance is too careful: the fixes differ from what it expects by {factor:.2f} "
+            f"of its sigma (NIS {mean:.2f}, expected {low:.2f} to {high:.2f}); {assumed} is too "
+            "large: identify the receiver at rest (10 minutes or more) and give the model",
+        )
+    return ()

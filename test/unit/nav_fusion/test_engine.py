@@ -188,6 +188,20 @@ def test_at_rest_neither_heading_nor_tilt_become_known_from_nothing() -> None:
     assert heading > 0.0999
 
 
+@pytest.mark.parametrize(
+    ("sigma_m", "said"),
+    [(1.5, "too careful"), (0.15, "not to be trusted"), (0.03, "not to be trusted"), (0.3, None)],
+)
+def test_a_covariance_that_the_fixes_contradict_is_said_to_be_false(
+    sigma_m: float, said: str | None
+) -> None:
+    engine = Engine(replace(NOISE, position=(AidNoise(sigma_m),) * 3), HEADED)
+    play(engine, drive(40.0, seed=8))
+    verdicts = [n for n in engine.status().notes if n.startswith("the covariance is")]
+    assert bool(verdicts) == (said is not None)
+    assert all(said is not None and said in v for v in verdicts)
+
+
 def test_no_fix_nan_and_places_off_the_earth_are_left_out() -> None:
     d = drive(10.0)
     engine = Engine(NOISE, HEADED)
