@@ -159,11 +159,11 @@ def _same_band(candidate: Candidate, state: State) -> bool:
     return isinstance(band, NarrowBand) and any(
         isinstance(given, NarrowBand)
         and abs(band.frequency_hz - given.frequency_hz) < band.bandwidth_hz + given.bandwidth_hz
-        for given in state.effects[: _given_count(state)]
+        for given in state.effects[: given_count(state)]
     )
 
 
-def _given_count(state: State) -> int:
+def given_count(state: State) -> int:
     """Number of spectral effects that the given model has; they come first."""
     ends = np.cumsum([len(e.free()) for e in state.effects])
     return int(np.searchsorted(ends, state.prior.centre.size, side="right"))

@@ -13,7 +13,12 @@ from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.reconcile.axes import Tie, ties
 from imu_noise_id.reconcile.clean import answer_hits, open_topic
 from imu_noise_id.reconcile.compare import Finding, Findings
-from imu_noise_id.reconcile.explain import Candidate, candidates
+from imu_noise_id.reconcile.explain import (
+    PRICE_PER_PARAMETER,
+    Candidate,
+    candidates,
+    given_count,
+)
 from imu_noise_id.reconcile.mended import channel_result, mended_model, unmodelled
 from imu_noise_id.reconcile.null import z_of
 from imu_noise_id.reconcile.result import (
@@ -172,7 +177,27 @@ def explain(work: Work, log_level: float) -> Work:
             after = replace(after, skip=after.skip | {"levels"})
         after = replace(after, drafts=current.drafts)
         trail.append((_noted(current, after, best, findings.worst, rival), after.findings))
-    return _halved(trail, log_level)
+    return _pruned(_halved(trail, log_level), log_level)
+
+
+def _pruned(work: Work, log_level: float) -> Work:
+    """Without an added noise that later steps made needless: two steps pass for a walk first."""
+    for number, draft in enumerate(work.drafts[:-1]):
+        names = [e.name for e in work.state.effects]
+        if draft.action != ADD or draft.effect.name not in names[given_count(work.state) :]:
+            continue
+        index = names.index(draft.effect.name, given_count(work.state))
+        effects = (*work.state.effects[:index], *work.state.effects[index + 1 :])
+        fewer = work.analysed(replace(work.state, effects=effects))
+        loss = work.found.objective - fewer.found.objective
+        as_good = fewer.findings.log_p > log_level or work.findings.log_p <= log_level
+        if as_good and loss < PRICE_PER_PARAMETER * len(draft.effect.free()):
+            heir = work.drafts[number + 1]
+            unseen = replace(heir.held_out, gap_before=draft.held_out.gap_before)
+            heir = replace(heir, whole=(draft.whole[0], heir.whole[1]), held_out=unseen)
+            drafts = (*work.drafts[:number], heir, *work.drafts[number + 2 :])
+            return _pruned(replace(fewer, drafts=drafts), log_level)
+    return work
 
 
 def _noted(before: Work, after: Work, best: Candidate, finding: Finding, rival: str) -> Work:

@@ -161,3 +161,9 @@ def test_another_correlation_is_refitted_or_removed(shared: float, action: str) 
     values[1] = shared * values[0] + np.sqrt(1.0 - shared**2) * values[1]
     result = reconciled(values, ("cross_axis", {"other": NAMES[1], "correlation": 0.2}))
     assert (action, "cross_axis") in steps(result)
+
+
+def test_a_level_that_jumps_and_comes_back_is_two_steps_and_no_walk() -> None:
+    values = noise()
+    values[0, 4_000:7_500] += 0.01
+    assert steps(reconciled(values)) == [("add", "bias_step"), ("add", "bias_step")]
