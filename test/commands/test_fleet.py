@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from threading import Event, Thread
 
+import distributed
 import pytest
 
 from helpers.commands import Run
@@ -19,7 +20,6 @@ NAMES = ("unit_a", "unit_b", "unit_c")
 
 
 def test_without_a_scheduler_the_next_step_is_said(run: Run, bag: Path, tmp_path: Path) -> None:
-    pytest.importorskip("distributed", reason="Dask is an optional extra (pip install distributed)")
     done = run(
         *("identify", "--bag", bag, bag, "--last", 5, "--output", tmp_path),
         *("--scheduler", "tcp://127.0.0.1:9"),
@@ -68,9 +68,6 @@ def _kill_after_first_result(victim: int, output: Path) -> None:
 
 @pytest.mark.timeout(300)
 def test_a_killed_worker_loses_nothing(run: Run, bag: Path, tmp_path: Path) -> None:
-    distributed = pytest.importorskip(
-        "distributed", reason="Dask is an optional extra (pip install distributed)"
-    )
     for name in NAMES:
         shutil.copytree(bag, tmp_path / "bags" / name)
     with (
