@@ -140,8 +140,12 @@ def test_a_folder_of_bags_becomes_a_fleet(run: Run, bag: Path, tmp_path: Path) -
     assert "broken" in done.err
 
 
-def test_bags_of_one_name_get_folders_of_their_own(bag: Path, tmp_path: Path) -> None:
-    options = identify.parser().parse_args(["--bag", str(bag), str(bag), "--output", str(tmp_path)])
+@pytest.mark.parametrize("between", [[], ["--bag"]])
+def test_bags_of_one_name_get_folders_of_their_own(
+    bag: Path, tmp_path: Path, between: list[str]
+) -> None:
+    given = ["--bag", str(bag), *between, str(bag), "--output", str(tmp_path)]
+    options = identify.parser().parse_args(given)
     jobs, fleet = identify.jobs_of(options)
     assert fleet
     assert [Path(job.output).name for job in jobs] == ["still", "still_2"]
@@ -179,6 +183,10 @@ def test_what_cannot_be_used_gets_one_line_and_exit_2(run: Run, bag: Path, tmp_p
         run("identify", "--bag", bag, "--output", out, "--topic", "fix=/imu/data"), "/imu/data"
     )
     _refused(run("identify", "--bag", bag, "--output", out, "--topic", "what=/imu/data"), "what")
+    _refused(
+        run("identify", "--bag", bag, "--output", out, "--topic", "imu=/a", "--topic", "imu=/b"),
+        "imu is already '/a'",
+    )
     _refused(run("identify", "--bag", bag, "--output", out, "--nonsense"), "--nonsense")
 
 

@@ -37,6 +37,7 @@ def parser() -> Parser:
     )
     arguments.add_argument(
         "--bag",
+        action="extend",
         nargs="+",
         metavar="BAG",
         help="rosbag2 folder or .mcap file; several, or a folder of them: each into DIR/NAME",
@@ -81,6 +82,8 @@ def topic_names(asked: list[str], bag: str) -> TopicNames:
             kind, topic = _kind_of(item, bag), item
         if kind not in _KINDS:
             raise InputError(f"--topic {item}: unknown kind '{kind}': one of {', '.join(_KINDS)}")
+        if kind in chosen:
+            raise InputError(f"--topic {item}: {kind} is already {chosen[kind]!r}: name one topic")
         chosen[kind] = topic
     return TopicNames(**chosen)
 
