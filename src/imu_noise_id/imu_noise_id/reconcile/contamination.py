@@ -261,20 +261,27 @@ def mend(values: Floats, mask: Mask, white_sigma: float, rng: np.random.Generato
     if not mask.any() or mask.all():
         return values
     out = values.copy()
-    near = _local_mean(values, mask)
-    out[mask] = near[mask] + rng.normal(0.0, white_sigma, int(mask.sum()))
+    out[mask] = _bridge(values, mask) + rng.normal(0.0, white_sigma, int(mask.sum()))
     return out
 
 
-def _local_mean(values: Floats, mask: Mask, width: int = 64) -> Floats:
-    """Mean of the unmasked samples within ``width``; farther gaps are bridged by a line."""
-    kept = np.where(mask, 0.0, values - values[~mask][0])
-    total = np.concatenate(([0.0], np.cumsum(kept)))
-    count = np.concatenate(([0.0], np.cumsum(~mask)))
-    low = np.maximum(np.arange(values.size) - width // 2, 0)
-    high = np.minimum(np.arange(values.size) + width // 2, values.size)
-    inside = count[high] - count[low]
-    mean = np.where(inside > 0, (total[high] - total[low]) / np.maximum(inside, 1.0), np.nan)
-    known = np.flatnonzero(np.isfinite(mean))
-    bridged = np.interp(np.arange(values.size), known, mean[known])
-    return np.asarray(bridged + values[~mask][0])
+def _bridge(values: Floats, mask: Mask, least: int = 32) -> Floats:
+    """Lines between the levels on both sides of each masked stretch, at the masked samples.
+
+    A level is the mean of as many unmasked samples as the stretch has, and of 32 at least: that of
+    fewer would put their noise, which the samples between had not in common, into a long stretch.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.view(np.int8), [0]))))
+    begin, length = edges[::2], edges[1::2] - edges[::2]
+    kept = values[~mask]
+    total = np.concatenate(([0.0], np.cumsum(kept - kept[0])))
+    place = begin - (np.cumsum(length) - length)  # unmasked samples before each stretch
+    reach = np.maximum(length, least)
+    low, high = np.maximum(place - reach, 0), np.minimum(place + reach, kept.size)
+    # where the record begins or ends masked, the level of the other side
+    until, since = np.where(low < place, place, high), np.where(place < high, place, low)
+    before = kept[0] + (total[until] - total[low]) / (until - low)
+    after = kept[0] + (total[high] - total[since]) / (high - since)
+    part = np.arange(int(length.sum())) - np.repeat(np.cumsum(length) - length, length) + 1
+    share = part / np.repeat(length + 1, length)
+    return np.asarray(np.repeat(before, length) + share * np.repeat(after - before, length))
