@@ -208,8 +208,7 @@ def _given_burst(work: Work) -> Work:
         error = float(np.sqrt(2.0 / inside.sum())) + 0.05
         first, last = (int(i) for i in np.flatnonzero(inside)[[0, -1]])
         kept = ratio if abs(np.log(ratio / burst.ratio)) < 4.0 * error else burst.ratio
-        smooth = max(round(1.0 / work.state.sample_time_s), 8)
-        values = quieten(work.state.values, first, last + 1, kept, smooth)
+        values = quieten(work.found, first, last + 1, kept)
         if kept == ratio:
             work = work.analysed(work.state.with_values(values))
             continue
@@ -225,7 +224,7 @@ def _given_burst(work: Work) -> Work:
         before = replace(work, unmet=(*work.unmet, _finding(change)))
         after = work
         if not gone:
-            quiet = quieten(work.state.values, first, last + 1, ratio, smooth)
+            quiet = quieten(work.found, first, last + 1, ratio)
             after = work.analysed(work.state.with_values(quiet))
         work = drafted(before, after, change.action, change.effect, _finding(change))
     return work

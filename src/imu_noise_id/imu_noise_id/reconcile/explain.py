@@ -269,24 +269,21 @@ def _course(
     return replace(trial, effect=fitted)
 
 
-def quieten(values: Floats, first: int, last: int, ratio: float, smooth: int) -> Floats:
-    """Values with the fast noise of [first, last) divided by sqrt(ratio); slow parts stay."""
-    slow = _moving_mean(values, smooth)
-    out = values.copy()
-    inside = slice(first, last)
-    out[inside] = slow[inside] + (values[inside] - slow[inside]) / np.sqrt(ratio)
+def quieten(found: Analysis, first: int, last: int, ratio: float) -> Floats:
+    """Values with the fast noise of [first, last) divided by sqrt(ratio); slow parts stay.
+
+    Fast is what a Wiener filter takes for white noise, the share N^2/S of each ordinate: a moving
+    mean would keep the white noise below its own cutoff, which a long burst shows as a slow noise.
+    """
+    state = found.state
+    inverse = found.inverse_psd
+    densities = [e.density for e in found.fit.effects if isinstance(e, WhiteNoise)]
+    upper = float(np.median(1.0 / inverse[inverse.size // 2 :]))
+    level = max(sum(d * d for d in densities) + state.floor, upper)
+    fast = fft.idct(found.coefficients * np.minimum(level * inverse, 1.0), norm="ortho")
+    out = state.values.copy()
+    out[first:last] -= fast[first:last] * (1.0 - 1.0 / np.sqrt(ratio))
     return out
-
-
-def _moving_mean(values: Floats, width: int) -> Floats:
-    half = max(width // 2, 1)
-    padded = np.concatenate(
-        (np.full(half, values[:half].mean()), values, np.full(half, values[-half:].mean()))
-    )
-    total = np.concatenate(([0.0], np.cumsum(padded - values[0])))
-    return np.asarray((total[2 * half :] - total[: -2 * half]) / (2 * half) + values[0])[
-        : values.size
-    ]
 
 
 def _bursts(state: State, found: Analysis) -> list[Candidate]:
@@ -300,8 +297,7 @@ def _bursts(state: State, found: Analysis) -> list[Candidate]:
     ratio = inside / outside
     times = state.start_s + state.sample_time_s * np.array([first, last])
     effect = VarianceChange(float(times[0]), float(times[1]), ratio)
-    smooth = max(round(1.0 / state.sample_time_s), 8)
-    quiet = state.with_values(quieten(state.values, first, last, ratio, smooth))
+    quiet = state.with_values(quieten(found, first, last, ratio))
     after = analyse(replace(quiet, effects=found.fit.effects))
     quiet = replace(quiet, effects=after.fit.effects)
     return [Candidate(ADD, effect, gain, 3.0 * PRICE_PER_PARAMETER, quiet, after)]

@@ -1,0 +1,46 @@
+"""A burst is taken out of the record at all frequencies of its noise, and of its noise alone."""
+
+import numpy as np
+from imu_noise_id.model import ChannelModel
+from imu_noise_id.model_file import typed_effect
+from imu_noise_id.reconcile.explain import quieten
+from imu_noise_id.reconcile.state import analyse
+from imu_noise_id.reconcile.work import initial_state
+
+NAME, DT, COUNT = "angular_velocity.x", 0.01, 60_000
+BURST, RATIO, BLOCK = slice(20_000, 44_000), 3.0, 400
+
+
+def found(values, **effects):
+    fitted = tuple(typed_effect(effect, NAME, given) for effect, given in effects.items())
+    model = ChannelModel(NAME, "/imu/data", "rad/s", 1.0 / DT, 0.0, fitted)
+    return analyse(initial_state(model, values, DT, 0.0, None, 1.0))
+
+
+def burst(rng):
+    white = rng.standard_normal(COUNT)
+    white[BURST] *= np.sqrt(RATIO)
+    return white
+
+
+def test_a_long_burst_leaves_no_slow_noise_behind():
+    values = burst(np.random.default_rng(0))
+    analysis = found(values, white_noise={"density": np.sqrt(DT)})
+    quiet = quieten(analysis, BURST.start, BURST.stop, RATIO)
+    means = quiet.reshape(-1, BLOCK).mean(axis=1) * np.sqrt(BLOCK)
+    inside = means[BURST.start // BLOCK : BURST.stop // BLOCK]
+    assert 0.6 < inside.var() < 1.6  # 60 blocks, standard error 0.18
+    assert abs(quiet[BURST].var() - 1.0) < 0.05
+
+
+def test_what_is_slow_stays_as_it_is():
+    rng = np.random.default_rng(1)
+    slow = np.cumsum(rng.normal(0.0, 0.05, COUNT))
+    analysis = found(
+        slow + burst(rng),
+        white_noise={"density": np.sqrt(DT)},
+        rate_random_walk={"coefficient": 0.05 / np.sqrt(DT)},
+    )
+    off = quieten(analysis, BURST.start, BURST.stop, RATIO) - slow
+    blocks = off[BURST].reshape(-1, BLOCK).mean(axis=1)
+    assert np.abs(blocks).max() < 5.0 / np.sqrt(BLOCK) * np.sqrt(RATIO)
