@@ -55,10 +55,18 @@ class Beginning:
         if not self.kept:
             self._batches = []
 
-    def replay(self, engine: Engine) -> None:
-        """Feed everything to an engine; rows that it gives have been published already."""
-        for _, msgtype, decoded, _ in self._batches:
+    def replay(self, engine: Engine, begin: int = 0) -> int:
+        """Feed all batches from ``begin`` on to an engine; return the number of the next.
+
+        Batches may be added meanwhile by another thread.  The rows that the engine gives have been
+        published already.
+        """
+        batches = self._batches  # the same list, even where all are forgotten meanwhile
+        while begin < len(batches):
+            _, msgtype, decoded, _ = batches[begin]
             feed(engine, msgtype, decoded)
+            begin += 1
+        return begin
 
     def columns(self) -> list[TopicColumns]:
         """Everything as the topics of a recording."""

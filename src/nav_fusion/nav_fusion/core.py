@@ -746,7 +746,7 @@ def place_for(core: Core, time_ns: int, kind: int) -> int:
     return place
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def insert(core: Core, time_ns: int, kind: int, z: Floats) -> int:
     """Put a measurement in its place in time; rewind and repeat when the filter has passed it."""
     c = core.cursor
@@ -801,7 +801,7 @@ def is_plain(last_ns: int, longest_ns: int, stamp_ns: Ints, rate: Floats, force:
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def feed(core: Core, stamp_ns: Ints, rate: Floats, force: Floats, out_ns: Ints, out: Floats) -> int:
     """Take a block of samples (stamps ascending); returns how many rows of output became due.
 

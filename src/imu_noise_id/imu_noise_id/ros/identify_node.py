@@ -22,11 +22,12 @@ from imu_noise_id.recording import Stamps
 from imu_noise_id.rolling import BLOCK, RollingColumns
 from imu_noise_id.ros.deferred import DeferredService, Reply
 from imu_noise_id.ros.diagnostics import array, status
+from imu_noise_id.ros.identifying import DIED, Answer, Job, work
 from imu_noise_id.ros.messages import allan_messages, discrepancy_message, model_message
 from imu_noise_id.ros.parameters import Setting, declare, refuse_non_finite, value
 from imu_noise_id.ros.runtime import run_node as spin_node
 from imu_noise_id.ros.stream import Stream
-from imu_noise_id.ros.worker import Answer, Job, Worker, work
+from imu_noise_id.ros.worker import Worker
 from imu_noise_id.topics import DEFAULTS
 from noise_msgs.msg import AllanCurve, DiscrepancyReport, NoiseModel
 from noise_msgs.srv import Identify, Reset
@@ -70,7 +71,7 @@ class IdentifyNode(Node):
         self._buffers = {k: self._buffer(s) for k, s in self._streams.items()}
         self._before = {k: self._long_run(s) for k, s in self._streams.items()}
         self._resume()
-        self._worker = Worker()
+        self._worker = Worker(work, DIED)
         self._waiting: deque[tuple[Identify.Request, Identify.Response, Reply]] = deque()
         self._answering: tuple[Identify.Response, Reply] | None = None
         self._found: Findings | None = None

@@ -1,4 +1,4 @@
-"""Identification in a process of its own: reception never waits for it."""
+"""Long work of a node in a process of its own: reception never waits for it."""
 
 from __future__ import annotations
 
@@ -8,58 +8,29 @@ import os
 import pickle
 import signal
 import threading
-from dataclasses import dataclass
+from collections.abc import Callable
 from multiprocessing.connection import Connection
-
-from imu_noise_id.checkpoint import Checkpoint, save_checkpoint
-from imu_noise_id.columns import TopicColumns
-from imu_noise_id.errors import InputError
-from imu_noise_id.live import Findings, identify_columns
-from imu_noise_id.longrun import LongRun
-from imu_noise_id.model import NoiseModel
+from typing import Any, Generic, TypeVar
 
 _NICE = 5
+Job = TypeVar("Job")
+Answer = TypeVar("Answer")
 
 
-@dataclass(frozen=True)
-class Job:
-    """What to identify.
+class Worker(Generic[Job, Answer]):
+    """One process that works one job at a time; it ends with its parent.
 
-    Attributes
+    Parameters
     ----------
-    columns : tuple of TopicColumns
-    last_s : float or None
-    checkpoint : str
-        File to keep the columns in first; empty: none.
-    identify : bool
-        False: only the checkpoint.
-    before : tuple of LongRun
-        What the buffers have forgotten.
-    reference : NoiseModel or None
-        A model that the buffer is compared with.
+    work : callable
+        A function of a module, by whose name the process finds it.
+    died : Answer
+        What is answered where the process died.
     """
 
-    columns: tuple[TopicColumns, ...]
-    last_s: float | None = None
-    checkpoint: str = ""
-    identify: bool = True
-    before: tuple[LongRun, ...] = ()
-    reference: NoiseModel | None = None
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What came of a job: findings, or why there are none; and why there is no checkpoint."""
-
-    findings: Findings | None
-    problem: str = ""
-    checkpoint_problem: str = ""
-
-
-class Worker:
-    """One process that works one job at a time; it ends with its parent."""
-
-    def __init__(self) -> None:
+    def __init__(self, work: Callable[[Job], Answer], died: Answer) -> None:
+        self._work = work
+        self._died = died
         self._process: multiprocessing.process.BaseProcess | None = None
         self._connection: Connection | None = None
         self._sender: threading.Thread | None = None
@@ -81,7 +52,7 @@ class Worker:
         try:
             answer: Answer = self._connection.recv()
         except (EOFError, OSError):
-            answer = Answer(None, "the identifying process died; it is started again")
+            answer = self._died
             self.close()
         self.busy = False
         return answer
@@ -101,7 +72,7 @@ class Worker:
         self.close()
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=serve, args=(theirs,), daemon=True)
+        self._process = context.Process(target=serve, args=(theirs, self._work), daemon=True)
         self._process.start()
         theirs.close()
 
@@ -111,7 +82,7 @@ class Worker:
                 send_job(self._connection, job)
 
 
-def send_job(connection: Connection, job: Job) -> None:
+def send_job(connection: Connection, job: object) -> None:
     """Send a job, its arrays from where they lie: a copy would hold the interpreter's lock."""
     arrays: list[pickle.PickleBuffer] = []
     head = pickle.dumps(job, protocol=5, buffer_callback=arrays.append)
@@ -120,15 +91,14 @@ def send_job(connection: Connection, job: Job) -> None:
         connection.send_bytes(array.raw())
 
 
-def receive_job(connection: Connection) -> Job:
+def receive_job(connection: Connection) -> Any:
     """Receive what `send_job` sent; its arrays are read-only."""
     head, count = connection.recv()
     arrays = [connection.recv_bytes() for _ in range(count)]
-    job: Job = pickle.loads(head, buffers=arrays)  # noqa: S301 - from our own parent, by its pipe
-    return job
+    return pickle.loads(head, buffers=arrays)  # noqa: S301 - from our own parent, by its pipe
 
 
-def serve(connection: Connection) -> None:
+def serve(connection: Connection, work: Callable[[Any], object]) -> None:
     """Work jobs until the parent is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -136,20 +106,3 @@ def serve(connection: Connection) -> None:
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
             connection.send(work(receive_job(connection)))
-
-
-def work(job: Job) -> Answer:
-    """One job."""
-    problem = checkpoint_problem = ""
-    found = None
-    if job.checkpoint:
-        try:
-            save_checkpoint(Checkpoint(job.columns, job.before), job.checkpoint)
-        except InputError as error:
-            checkpoint_problem = str(error)
-    if job.identify:
-        try:
-            found = identify_columns(job.columns, job.last_s, job.before, job.reference)
-        except InputError as error:
-            problem = str(error)
-    return Answer(found, problem, checkpoint_problem)

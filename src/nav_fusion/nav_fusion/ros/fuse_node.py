@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import struct
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from imu_noise_id.cdr import Decoded
 from imu_noise_id.errors import InputError
@@ -20,6 +19,7 @@ from imu_noise_id.ros.messages import to_model, to_time
 from imu_noise_id.ros.parameters import declare, refuse_non_finite
 from imu_noise_id.ros.runtime import run_node as spin_node
 from imu_noise_id.ros.stream import Stream
+from imu_noise_id.ros.worker import Worker
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -28,7 +28,6 @@ from sensor_msgs.msg import NavSatFix
 from nav_fusion.beginning import Beginning
 from nav_fusion.engine import Engine, Rows
 from nav_fusion.feeding import feed
-from nav_fusion.fuse import choose_noise
 from nav_fusion.noise import NavigationNoise, TurnOn, from_model, mems_defaults
 from nav_fusion.published import (
     FIX_TOPIC,
@@ -36,6 +35,8 @@ from nav_fusion.published import (
     fix_messages,
     odometry_messages,
 )
+from nav_fusion.ros.latency import Latency
+from nav_fusion.ros.leading import DIED, Found, Leading, find_noise
 from nav_fusion.ros.settings import AIDS, SETTINGS, filter_parameters
 from nav_fusion.ros.status import filter_status
 from nav_fusion.ros.transform import transform_sender
@@ -46,7 +47,24 @@ from noise_msgs.srv import Reset
 _DRAIN_S = 0.02
 _STAMP = struct.Struct("<iI")
 _ENCAPSULATION = 4
-_LATENCIES = 1000
+
+
+@dataclass(frozen=True)
+class Successor:
+    """A filter with another model that is being fed what the running one was.
+
+    Attributes
+    ----------
+    engine : Engine
+    beginning : Beginning
+        What it is fed.
+    replay : future of int
+        How many batches it has been fed, when it has caught up.
+    """
+
+    engine: Engine
+    beginning: Beginning
+    replay: Future[int]
 
 
 class FuseNode(Node):
@@ -67,14 +85,15 @@ class FuseNode(Node):
         self._modelled = False
         self._leading = ""
         self._beginning = Beginning()
+        self._worker = Worker(find_noise, DIED)
+        self._looked_at = self._beginning
         self._pool = ThreadPoolExecutor(max_workers=1)
-        self._looking: Future[NavigationNoise] | None = None
+        self._successor: Successor | None = None
         self._inbox: list[tuple[str, bytes, int]] = []
         self._slot = -1
         self._newest_ns = 0
         self._begun_s = time.monotonic()
-        self._latencies: deque[float] = deque(maxlen=_LATENCIES)
-        self._latest_s = 0.0
+        self._latency = Latency()
         self._updates = ""
         self._odometry = self.create_publisher(Odometry, ODOMETRY_TOPIC, 100)
         self._fixes = self.create_publisher(NavSatFix, FIX_TOPIC, 100)
@@ -144,47 +163,61 @@ class FuseNode(Node):
             self._modelled = True
 
     def _take_over(self, noise: NavigationNoise) -> None:
-        """Begin anew with another model on all that has come, where that is kept."""
+        """Begin anew with another model on all that has come, where that is kept.
+
+        A thread feeds the new filter while this one goes on (the filter's loop holds no lock).
+        """
         if not self._beginning.kept:
             self.get_logger().warning(f"{noise.source}: takes effect at the next start or ~/reset")
             return
         engine = Engine(noise, self._filter_parameters)
-        self._beginning.replay(engine)
-        self._engine = engine
-        self.get_logger().info(f"noise model from the beginning on: {noise.source}")
+        replay = self._pool.submit(self._beginning.replay, engine)
+        self._successor = Successor(engine, self._beginning, replay)
+
+    def _hand_over(self) -> None:
+        """Let the new filter take the old one's place once it has been fed what that one was."""
+        if self._successor is None or not self._successor.replay.done():
+            return
+        new, self._successor = self._successor, None
+        if new.beginning is not self._beginning or not self._beginning.kept:
+            self.get_logger().warning(
+                f"{new.engine.noise.source}: takes effect at the next start or ~/reset"
+            )
+            return
+        self._beginning.replay(new.engine, new.replay.result())
+        self._engine = new.engine
+        self.get_logger().info(f"noise model from the beginning on: {new.engine.noise.source}")
 
     def _look_at_rest(self) -> None:
         """Without a model: identify the leading rest beside the filter, as it grows."""
-        if self._looking is not None:
-            if self._looking.done():
-                looked, self._looking = self._looking, None
-                self._take_leading_rest(looked)
-            return
-        begun = self._beginning
-        if self._modelled or self._engine is None or not begun.kept:
+        found, begun = self._worker.poll(), self._beginning
+        if found is not None and self._looked_at is begun:
+            self._take_leading_rest(found)
+        if self._worker.busy or self._modelled or self._engine is None or not begun.kept:
             return
         if begun.span_s < begun.look_at_s:
             return
         begun.look_at_s *= 2.0
-        columns = begun.columns()
-        self._looking = self._pool.submit(
-            choose_noise, columns, None, self._filter_parameters, "the live stream"
-        )
+        self._looked_at = begun
+        self._worker.submit(Leading(tuple(begun.columns()), self._filter_parameters))
 
-    def _take_leading_rest(self, looked: Future[NavigationNoise]) -> None:
-        try:
-            noise = looked.result()
-        except (ValueError, InputError) as error:
-            self.get_logger().warning(f"the leading rest was not identified: {error}")
-            return
-        if not self._modelled and noise.source != self._leading:
-            self._leading = noise.source
-            self._take_over(noise)
+    def _take_leading_rest(self, found: Found) -> None:
+        if found.noise is None:
+            self.get_logger().warning(f"the leading rest was not identified: {found.problem}")
+        elif not self._modelled and found.noise.source != self._leading:
+            self._leading = found.noise.source
+            self._take_over(found.noise)
+
+    def close(self) -> None:
+        """End the thread and the process."""
+        self._pool.shutdown(cancel_futures=True)
+        self._worker.close()
 
     # ------------------------------------------------------------------ what goes out
 
     def _drain(self) -> None:
         """Feed everything that has come, in order of arrival, and publish what became due."""
+        self._hand_over()
         if not self._inbox or not self._begin():
             return
         inbox, self._inbox = self._inbox, []
@@ -201,7 +234,7 @@ class FuseNode(Node):
                 self._updates = self._streams[kind].receiver.topic
             if rows.stamp_ns.size:
                 self._publish(rows)
-                self._count_latency(log_ns[-1])
+                self._latency.count((time.time_ns() - log_ns[-1]) * 1e-9)
         if aided:
             self._publish_status()
 
@@ -236,21 +269,14 @@ class FuseNode(Node):
             self._fixes.publish(row.tobytes())
         self._send_transforms(solution)
 
-    def _count_latency(self, received_ns: int) -> None:
-        latency_s = (time.time_ns() - received_ns) * 1e-9
-        self._latencies.append(latency_s)
-        self._latest_s = max(self._latest_s, latency_s)
-
     def _publish_status(self) -> None:
         assert self._engine is not None
-        latency_s = float(np.median(self._latencies)) if self._latencies else 0.0
         message = filter_status(self._engine)
         message.header.frame_id = self._values["world_frame"]
         message.header.stamp = to_time(self._newest_ns)
         message.last_update = self._updates
-        message.latency_s, message.latency_max_s = latency_s, self._latest_s
+        message.latency_s, message.latency_max_s = self._latency.median_s(), self._latency.worst_s()
         message.imu_missing = self._streams["imu"].watch.missing
-        self._latest_s = 0.0
         self._status.publish(message)
 
     def _tell(self) -> None:
@@ -285,6 +311,7 @@ class FuseNode(Node):
             "fixes_late": found.late,
             "fixes_rejected": found.rejected,
             "standing_still": found.still,
+            **self._latency.numbers(),
         }
         bad = bool(found.fault) or found.white is False
         level = DiagnosticStatus.WARN if bad else DiagnosticStatus.OK
@@ -299,7 +326,7 @@ class FuseNode(Node):
         self._inbox = []
         self._engine = None
         self._beginning = Beginning()
-        self._looking = None
+        self._successor = None
         for stream in self._streams.values():
             stream.reset()
         response.success = True
