@@ -19,7 +19,7 @@ from imu_noise_id.reconcile.explain import (
     candidates,
     given_count,
 )
-from imu_noise_id.reconcile.mended import channel_result, mended_model, unmodelled
+from imu_noise_id.reconcile.mended import channel_result, mended_model, uncompared
 from imu_noise_id.reconcile.null import z_of
 from imu_noise_id.reconcile.result import (
     ADD,
@@ -244,11 +244,12 @@ def _assemble(
     levels: _Levels,
 ) -> Reconciliation:
     results: list[ChannelReconciliation] = []
+    models = {c.name: c for c in model.channels}
     for channel in recording.channels:
         if channel.name in works:
             results.append(channel_result(works[channel.name], levels.channel))
         else:
-            results.append(unmodelled(channel, channel.name in {c.name for c in model.channels}))
-    absent = {c.name for c in model.channels} - {c.name for c in recording.channels}
+            results.append(uncompared(channel, models.get(channel.name)))
+    absent = models.keys() - {c.name for c in recording.channels}
     notes = tuple(f"{name}: in the model, not in the recording" for name in sorted(absent))
     return Reconciliation(tuple(results), mended_model(model, works, recording), levels.rate, notes)

@@ -27,6 +27,7 @@ from imu_noise_id.reconcile.result import (
     ChannelReconciliation,
     Gap,
     Step,
+    Where,
 )
 from imu_noise_id.reconcile.work import SIZE_NAMES, Draft, Work
 from imu_noise_id.recording import Channel, Floats, Recording
@@ -54,15 +55,22 @@ def channel_result(work: Work, log_level: float) -> ChannelReconciliation:
     return ChannelReconciliation(channel.topic, channel.name, verdict, before, after, steps)
 
 
-def unmodelled(channel: Channel, in_model: bool) -> ChannelReconciliation:
-    """Result of a channel that cannot be compared: nothing disagrees, and the note says why."""
-    note = (
-        "too few samples, or a constant: nothing to compare"
-        if in_model
-        else "the model has no such channel"
-    )
-    gap = Gap(float("nan"), float("nan"))
-    return ChannelReconciliation(channel.topic, channel.name, AGREES, gap, gap, (), (note,))
+def uncompared(channel: Channel, model: ChannelModel | None) -> ChannelReconciliation:
+    """Result of a channel that cannot be compared: the note says why.
+
+    Nothing disagrees where there is too little to compare; a constant where the model has noise
+    does, and no effect of the catalogue makes one.
+    """
+    verdict, gap, note = AGREES, Gap(float("nan"), float("nan")), "too few samples to compare"
+    if model is None:
+        note = "the model has no such channel"
+    elif channel.values.size > 1 and np.ptp(channel.values) == 0.0:
+        note = "every sample has the same value"
+        if model.effects and not model.find("output_rounding"):
+            verdict, note = UNEXPLAINED, f"{note}, and the model has noise: a sensor that hangs?"
+            value = float(channel.values[0]) + 0.0  # never -0
+            gap = Gap(float("nan"), 0.0, (Where("amplitude", value, value, channel.unit, -np.inf),))
+    return ChannelReconciliation(channel.topic, channel.name, verdict, gap, gap, (), (note,))
 
 
 def mended_model(model: NoiseModel, works: dict[str, Work], recording: Recording) -> NoiseModel:

@@ -79,6 +79,10 @@ def _notes(result: Reconciliation) -> tuple[str, ...]:
     return tuple(f"{c.name}: {note}" for c in result.channels for note in c.notes)
 
 
+def _shown(number: float, form: str) -> str:
+    return format(number, form) if np.isfinite(number) else "-"
+
+
 def _overview(result: Reconciliation) -> Section:
     rows = []
     for channel in result.channels:
@@ -86,8 +90,8 @@ def _overview(result: Reconciliation) -> Section:
         rows.append(
             (
                 *(channel.name, channel.verdict),
-                *(f"{channel.before.score:.2f}", f"{channel.before.p_value:.2g}"),
-                *(f"{channel.after.score:.2f}", f"{channel.after.p_value:.2g}"),
+                *(_shown(channel.before.score, ".2f"), _shown(channel.before.p_value, ".2g")),
+                *(_shown(channel.after.score, ".2f"), _shown(channel.after.p_value, ".2g")),
                 steps,
             )
         )

@@ -126,6 +126,19 @@ def test_a_typed_effect_that_is_not_there_is_removed(model: NoiseModel) -> None:
     assert result.model.channel(name).find("output_rounding") is None
 
 
+def test_a_constant_where_the_model_has_noise_is_unexplained(model: NoiseModel) -> None:
+    recording = made("nothing")
+    frozen = replace(recording.channels[0], values=np.full(recording.channels[0].values.size, 0.5))
+    result = reconcile_recording(
+        replace(recording, channels=(frozen, *recording.channels[1:])), model
+    )
+    first = result.channels[0]
+    assert first.verdict == "unexplained"
+    assert "a sensor that hangs?" in first.notes[0]
+    assert not first.steps
+    json.dumps(reconciliation_tree(result), allow_nan=False)
+
+
 def test_the_mended_model_agrees_with_another_recording_and_plays(model: NoiseModel) -> None:
     mended = reconcile_recording(made("periodic"), model).model
     (name,) = truth("periodic")
