@@ -4,7 +4,9 @@ Writes ``docs/study_identify.md``.  Records are made here from their definitions
 the Cramer-Rao bounds are of the Whittle likelihood at every ordinate, from spectra written down
 here and differentiated numerically.  Nothing of the package's simulation or spectra is used.
 
-    python study/study_identify.py --runs 1000 [--only laws structure ...]
+    python study/study_identify.py --runs 1000 [--only laws structure ...] [--results FILE]
+
+Every run is one line of ``--results``; what is there already is not repeated.
 """
 
 from __future__ import annotations
@@ -14,8 +16,6 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
-from multiprocessing import Pool
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,7 @@ from imu_noise_id.ordinates import Ordinates, cosine_coefficients, ordinates
 from imu_noise_id.selection import white_start
 from imu_noise_id.series import Series
 from imu_noise_id.whittle import Fit, fit
+from kept_runs import KeptRuns
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
@@ -134,6 +135,7 @@ STRUCTURES: tuple[tuple[str, Law, int], ...] = (
     ("white + two Gauss-Markov (2, 1 s; 1.5, 40 s)", LAWS["white + two Gauss-Markov"], SHORT),
 )
 """Of the structure study: expected ratio to the next set 20 nats or more, then those below 5."""
+CASES = (("white", (W,), SHORT), *STRUCTURES)
 
 
 def record(law: Law, rng: np.random.Generator, n: int = N, dt: float = DT) -> Floats:
@@ -175,9 +177,8 @@ def fitted_law(law: Law, grid: Ordinates) -> Fit:
     return current
 
 
-def one_law(job: tuple[str, int]) -> tuple[Floats, Floats, Floats] | None:
+def one_law(name: str, seed: int) -> list[list[float]] | None:
     """Estimates with their interval ends, (p,) each, Gauss-Markov terms in order of memory."""
-    name, seed = job
     law = LAWS[name]
     y = record(law, np.random.default_rng([1, seed, list(LAWS).index(name)]))
     grid = ordinates(cosine_coefficients(y), DT)
@@ -194,13 +195,12 @@ def one_law(job: tuple[str, int]) -> tuple[Floats, Floats, Floats] | None:
         found, key=lambda e: (e.name != "white_noise", getattr(e.effect, "correlation_time_s", 0))
     )
     rows = [x for e in white_first for x in e.estimates]
-    value = np.array([x.value for x in rows], dtype=float)
-    lower = np.array([0.0 if x.lower is None else x.lower for x in rows])
-    upper = np.array([np.inf if x.upper is None else x.upper for x in rows])
-    return value, lower, upper
+    lower = [0.0 if x.lower is None else x.lower for x in rows]
+    upper = [np.inf if x.upper is None else x.upper for x in rows]
+    return [[float(x.value) for x in rows], lower, upper]
 
 
-def study_laws(pool: Pool, runs: int) -> str:  # type: ignore[valid-type]
+def study_laws(kept: KeptRuns, runs: int) -> str:
     lines = [
         "## 1. Accuracy and intervals\n",
         f"{DURATION_S:.0f} s at {RATE_HZ:.0f} Hz, {runs} runs a law; in the logarithm of each "
@@ -210,13 +210,13 @@ def study_laws(pool: Pool, runs: int) -> str:  # type: ignore[valid-type]
         "|---|---|---|---|---|---|",
     ]
     for name, law in LAWS.items():
-        results = pool.map(one_law, [(name, seed) for seed in range(runs)], chunksize=4)
-        kept = [r for r in results if r is not None]
-        value, lower, upper = (np.array([r[i] for r in kept]) for i in range(3))
+        results = kept.map(one_law, [(name, seed) for seed in range(runs)])
+        found = [r for r in results if r is not None]
+        value, lower, upper = np.array(found).swapaxes(0, 1)
         truth = np.array([v for _, values in law for v in values])
         error = np.log(value / truth)
         rmse = np.sqrt(np.mean(error**2, axis=0))
-        spread = np.std(error**2, axis=0) / np.sqrt(len(kept)) / (2.0 * rmse)
+        spread = np.std(error**2, axis=0) / np.sqrt(len(found)) / (2.0 * rmse)
         bias = error.mean(axis=0) / rmse
         covered = np.mean((lower <= truth) & (truth <= upper), axis=0)
         limit = bound(law)
@@ -224,33 +224,24 @@ def study_laws(pool: Pool, runs: int) -> str:  # type: ignore[valid-type]
         for i, label in enumerate(labels):
             lines.append(
                 f"| {name} | {label} | {limit[i]:.4f} | {rmse[i] / limit[i]:.3f} "
-                f"({spread[i] / limit[i]:.3f}) | {bias[i]:+.2f} ({len(kept) ** -0.5:.2f}) | "
-                f"{covered[i]:.3f} ({np.sqrt(covered[i] * (1 - covered[i]) / len(kept)):.3f}) |"
+                f"({spread[i] / limit[i]:.3f}) | {bias[i]:+.2f} ({len(found) ** -0.5:.2f}) | "
+                f"{covered[i]:.3f} ({np.sqrt(covered[i] * (1 - covered[i]) / len(found)):.3f}) |"
             )
-        if len(kept) < runs:
-            lines.append(f"| {name} | | | {runs - len(kept)} runs without a fit | | |")
-        print(*lines[-len(labels) - 1 :], sep="\n", flush=True)
+        if len(found) < runs:
+            lines.append(f"| {name} | | | {runs - len(found)} runs without a fit | | |")
+        print(*lines[-len(labels) :], sep="\n", flush=True)
     return "\n".join(lines) + "\n"
 
 
 # ---------------------------------------------------------------- 3 structure
 
 
-@dataclass(frozen=True)
-class Structured:
-    """One run of the structure study."""
-
-    law: Law
-    n: int
-    seed: int
-    index: int
-
-
-def one_structure(job: Structured) -> tuple[str, tuple[str, ...]]:
+def one_structure(index: int, seed: int) -> tuple[str, tuple[str, ...]]:
     """Names chosen by the whole pipeline, and what it says of names that fit equally."""
-    y = record(job.law, np.random.default_rng([3, job.seed, job.index]), job.n)
+    _, law, n = CASES[index]
+    y = record(law, np.random.default_rng([3, seed, index]), n)
     model = estimate_series(
-        Series(y, np.ones(job.n, dtype=bool), DT), "u", np.random.default_rng(job.index)
+        Series(y, np.ones(n, dtype=bool), DT), "u", np.random.default_rng(index)
     )
     names = " + ".join(sorted(e.name for e in model.effects))
     return names, tuple(e.note for e in model.effects if "between" in e.note)
@@ -285,7 +276,7 @@ def expected_ratio(law: Law, n: int) -> tuple[float, str]:
     return best, label
 
 
-def study_structure(pool: Pool, runs: int) -> str:  # type: ignore[valid-type]
+def study_structure(kept: KeptRuns, runs: int) -> str:
     lines = [
         "## 3. Structure\n",
         f"At {RATE_HZ:.0f} Hz through the whole pipeline (lines, courses, outliers and rounding "
@@ -297,11 +288,9 @@ def study_structure(pool: Pool, runs: int) -> str:  # type: ignore[valid-type]
         "| law | s | expected ratio, next | right set | most often else | between said, or right |",
         "|---|---|---|---|---|---|",
     ]
-    cases = (("white", (W,), SHORT), *STRUCTURES)
-    for index, (name, law, n) in enumerate(cases):
+    for index, (name, law, n) in enumerate(CASES):
         count = 10 * runs if len(law) == 1 else runs
-        jobs = [Structured(law, n, seed, index) for seed in range(count)]
-        results = pool.map(one_structure, jobs, chunksize=4)
+        results = kept.map(one_structure, [(index, seed) for seed in range(count)])
         names = Counter(found for found, _ in results)
         right = " + ".join(sorted(k for k, _ in law))
         share = names[right] / count
@@ -327,9 +316,8 @@ def _names(notes: tuple[str, ...], found: str, law: Law) -> bool:
 # ---------------------------------------------------------------- 4 contamination
 
 
-def one_contaminated(job: tuple[str, int]) -> float:
+def one_contaminated(kind: str, seed: int) -> float:
     """log(estimate/truth) of the white density."""
-    kind, seed = job
     rng = np.random.default_rng([4, seed])
     n, dt = 120000, 0.005
     y = white(n, dt, rng, 1.0) + walk(n, dt, rng, 0.05) + 3.0
@@ -347,7 +335,7 @@ def one_contaminated(job: tuple[str, int]) -> float:
     return float(np.log(found.values()[0])) if found else np.nan  # type: ignore[arg-type]
 
 
-def study_contamination(pool: Pool, runs: int) -> str:  # type: ignore[valid-type]
+def study_contamination(kept: KeptRuns, runs: int) -> str:
     lines = [
         "## 4. Contamination\n",
         f"600 s at 200 Hz, white noise and a walk, {runs} runs each: error of the white density.\n",
@@ -360,7 +348,7 @@ def study_contamination(pool: Pool, runs: int) -> str:  # type: ignore[valid-typ
         "lost": "5 % lost samples and a 120 s gap",
     }
     for kind, title in titles.items():
-        error = np.array(pool.map(one_contaminated, [(kind, seed) for seed in range(runs)]))
+        error = np.array(kept.map(one_contaminated, [(kind, seed) for seed in range(runs)]))
         lines.append(
             f"| {title} | {100 * error.mean():+.3f} % ({100 * error.std() / runs**0.5:.3f}) | "
             f"{100 * np.sqrt(np.mean(error**2)):.3f} % | {100 * np.abs(error).max():.2f} % |"
@@ -368,7 +356,7 @@ def study_contamination(pool: Pool, runs: int) -> str:  # type: ignore[valid-typ
     return "\n".join(lines) + "\n"
 
 
-STUDIES: dict[str, Callable[[Pool, int], str]] = {  # type: ignore[valid-type]
+STUDIES: dict[str, Callable[[KeptRuns, int], str]] = {
     "laws": study_laws,
     "structure": study_structure,
     "contamination": study_contamination,
@@ -383,13 +371,16 @@ def main() -> None:
     parser.add_argument(
         "--output", type=Path, default=Path(__file__).parents[1] / "docs" / "study_identify.md"
     )
+    parser.add_argument(
+        "--results", type=Path, default=Path(__file__).parents[1] / "build" / "study_identify.jsonl"
+    )
     options = parser.parse_args()
+    kept = KeptRuns(options.results, options.workers)
     parts = ["# Identification against truth\n", __doc__.split("\n\n")[1].replace("\n", " ") + "\n"]
-    with Pool(options.workers) as pool:
-        for name in options.only:
-            begun = time.perf_counter()
-            parts.append(STUDIES[name](pool, options.runs))
-            print(f"{name}: {time.perf_counter() - begun:.0f} s", flush=True)
+    for name in options.only:
+        begun = time.perf_counter()
+        parts.append(STUDIES[name](kept, options.runs))
+        print(f"{name}: {time.perf_counter() - begun:.0f} s", flush=True)
     options.output.parent.mkdir(exist_ok=True)
     options.output.write_text("\n".join(parts))
 

@@ -6,22 +6,27 @@ identification as a user gets it, effects chosen by itself: reading slopes of th
 non-negative least squares on N, B and K, and a fit of the wavelet variances in the manner of GMWM.
 The three are written here, and so are the records and the Cramer-Rao bound.
 
-    python study/study_nikolic.py [--runs 10] [--hours 12]
+    python study/study_nikolic.py [--runs 10] [--hours 12] [--results FILE]
+
+Every run is one line of ``--results``; what is there already is not repeated.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
+from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from imu_noise_id.effects.gauss_markov import GaussMarkov
 from imu_noise_id.estimation import estimate_series
+from imu_noise_id.intervals import estimates
 from imu_noise_id.ordinates import cosine_coefficients, ordinates
 from imu_noise_id.selection import white_start
 from imu_noise_id.series import Series
 from imu_noise_id.whittle import fit
+from kept_runs import KeptRuns
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, nnls
 from scipy.signal import lfilter
@@ -151,7 +156,7 @@ def told(y: Floats) -> Floats:
     white = fit((white_start(grid),), grid)
     trials = [fit((*white.effects, s), grid) for s in GaussMarkov.starts(white.residual)]
     found = max(trials, key=lambda t: t.log_likelihood)
-    density, sigma, memory = (v for e in found.effects for v in e.values())
+    density, sigma, memory = (v for e in estimates(found, "rad/s")[0] for v in e.effect.values())
     return np.array((density, sigma * np.sqrt(2.0 / memory), memory), dtype=float)
 
 
@@ -184,21 +189,39 @@ def row(name: str, values: Floats) -> str:
     return f"| {name} | " + " | ".join(cells) + " |"
 
 
-def page(
-    found: dict[str, list[Floats]], covered: list[Floats], names: list[str], hours: float
-) -> str:
+def page(runs: list[dict[str, Any]], hours: float) -> str:
     """Return the table of the runs so far."""
-    lines = [row(name, np.array(values)) for name, values in found.items()]
+    methods = list(runs[0]["estimates"])
+    lines = [row(name, np.array([run["estimates"][name] for run in runs])) for name in methods]
     cells = " | ".join(f"{100 * b:.2f} %" for b in bound(round(hours * 3600.0 * RATE_HZ)))
     lines.append(f"| bound | {cells} |")
-    share = [f"{int(np.nansum(c))} of {int(np.isfinite(c).sum())}" for c in np.array(covered).T]
-    counts = {name: names.count(name) for name in dict.fromkeys(names)}
+    covered = np.array([run["covered"] for run in runs]).T
+    share = [f"{int(np.nansum(c))} of {int(np.isfinite(c).sum())}" for c in covered]
+    counts = Counter(run["effects"] for run in runs)
     chosen = ", ".join(f"{name} in {count}" for name, count in counts.items())
     tail = (
         f"\nOur 95 % intervals cover the white density in {share[0]} runs, the Gauss-Markov sigma\n"
         f"in {share[1]}, its correlation time in {share[2]}.  Effects chosen: {chosen}.\n"
     )
-    return HEAD.format(runs=len(names), hours=hours) + "\n".join(lines) + "\n" + tail
+    return HEAD.format(runs=len(runs), hours=hours) + "\n".join(lines) + "\n" + tail
+
+
+def one_run(hours: float, seed: int) -> dict[str, object]:
+    """Estimates of every method on one record, whether ours covers the truth, what it chose."""
+    n = round(hours * 3600.0 * RATE_HZ)
+    y = record(n, np.random.default_rng([2, seed]))
+    tau_s, variance = allan_variance(y)
+    value, covered, effects = ours(y)
+    rows = {
+        "slopes": slopes(tau_s, variance),
+        "non-negative least squares": non_negative(tau_s, variance),
+        "GMWM-like": wavelet_moments(tau_s, variance, n * DT),
+        "ours, effects given": told(y),
+        "ours, effects chosen": value,
+    }
+    print(seed, rows, effects, flush=True)
+    estimates = {name: row.tolist() for name, row in rows.items()}
+    return {"estimates": estimates, "covered": covered.tolist(), "effects": effects}
 
 
 def main() -> None:
@@ -208,28 +231,14 @@ def main() -> None:
     parser.add_argument(
         "--output", type=Path, default=Path(__file__).parents[1] / "docs" / "study_nikolic.md"
     )
+    parser.add_argument(
+        "--results", type=Path, default=Path(__file__).parents[1] / "build" / "study_nikolic.jsonl"
+    )
     options = parser.parse_args()
-    n = round(options.hours * 3600.0 * RATE_HZ)
-    found: dict[str, list[Floats]] = {}
-    covered, names = [], []
-    for seed in range(options.runs):
-        begun = time.perf_counter()
-        y = record(n, np.random.default_rng([2, seed]))
-        tau_s, variance = allan_variance(y)
-        value, held, effects = ours(y)
-        rows = {
-            "slopes": slopes(tau_s, variance),
-            "non-negative least squares": non_negative(tau_s, variance),
-            "GMWM-like": wavelet_moments(tau_s, variance, n * DT),
-            "ours, effects given": told(y),
-            "ours, effects chosen": value,
-        }
-        for name, estimate in rows.items():
-            found.setdefault(name, []).append(estimate)
-        covered.append(held)
-        names.append(effects)
-        print(seed, rows, effects, f"{time.perf_counter() - begun:.0f} s", flush=True)
-        options.output.write_text(page(found, covered, names, options.hours))
+    kept = KeptRuns(options.results, 1)
+    for count in range(1, options.runs + 1):  # the page grows with every run: each takes minutes
+        runs = kept.map(one_run, [(options.hours, seed) for seed in range(count)])
+        options.output.write_text(page(runs, options.hours))
 
 
 if __name__ == "__main__":

@@ -45,6 +45,11 @@ class Ordinates:
     duration_s: float
 
 
+LEAST_NEW = 1e-3
+"""Share of a shape's information that no parameter of the fit explains: of less, what is left is
+rounding and the second order, and an amount read from it may be a hundred times the signal."""
+
+
 @dataclass(frozen=True)
 class Residual:
     """What a fitted spectrum leaves, for score statistics of what might be added to it.
@@ -89,7 +94,7 @@ class Residual:
                 fisher = fisher + self.known
             fisher[np.diag_indices_from(fisher)] *= 1.0 + 1e-9
             information = information - np.sum(cross * np.linalg.solve(fisher, cross.T).T, axis=1)
-        information = np.maximum(information, 1e-12 * (relative**2 @ weight))
+        information = np.maximum(information, LEAST_NEW * (relative**2 @ weight))
         amount = np.maximum(score, 0.0) / information
         return amount, amount * np.maximum(score, 0.0)
 

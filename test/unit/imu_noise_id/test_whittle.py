@@ -72,3 +72,13 @@ def test_unit_does_not_matter():
     assert_allclose(
         parameter_vector(other.effects) - np.log(scale), parameter_vector(one.effects), atol=1e-6
     )
+
+
+def test_a_shape_that_the_fit_has_already_is_given_no_amount_of_its_own():
+    values = white(N, np.random.default_rng(5)) + walk(N, np.random.default_rng(6), 0.2)
+    found = fit(START, grid_of(values))
+    frequency = found.ordinates.frequency_hz
+    shapes = np.stack([e.psd(frequency, DT) for e in found.effects])
+    amount, chi2 = found.residual.score(shapes * np.linspace(1.0, 1.0 + 1e-6, frequency.size))
+    assert np.all(amount < 0.1)
+    assert np.all(chi2 < 1e-3)
