@@ -17,6 +17,10 @@ MEDIAN_OVER_S = 2.0
 LEAST_PER_BLOCK = 16
 MOST_HIT = 0.05
 BY_CHANCE = 1e-4
+LOUDEST = 5.0
+"""Standard deviations of the rest; a part that is louder than that shows by hits in a row."""
+PARTS = 16
+"""Of a record, in which the hits are counted: an outlier comes at any time."""
 ENOUGH = 2**18
 """Samples that tell a step or a median well enough."""
 COARSEST = 2.0
@@ -67,6 +71,8 @@ def find_contamination(series: Series, unit: str) -> Contamination:
         effects = (_outliers(deviation[hit], seen.size, sigma, unit), *effects)
     elif hit.mean() > MOST_HIT:
         notes = (*notes, "far from Gaussian: many samples lie beyond 5 standard deviations")
+    elif _is_louder_part(hit, deviation, sigma):
+        notes = (*notes, "louder in a part of the recording: its samples are no outliers")
     return Contamination(observed, effects, rounded.floor, notes)
 
 
@@ -89,9 +95,16 @@ def robust_sigma(deviation: Floats) -> float:
 
 
 def _are_outliers(hit: Mask, deviation: Floats, sigma: float) -> bool:
-    """Whether the hits are more, or larger, than Gaussian samples explain, and come singly."""
+    """Whether the hits are more, or larger, than Gaussian samples explain, and come singly.
+
+    And whether they are the tail of few: a wide tail of many small ones is another distribution.
+    """
     where = np.flatnonzero(hit)
     if where.size == 0 or where.size > MOST_HIT * hit.size:
+        return False
+    if _is_louder_part(hit, deviation, sigma):
+        return False
+    if outlier_parameters(deviation[hit], hit.size, sigma)[0] > MOST_HIT:
         return False
     expected = 2.0 * special.ndtr(-THRESHOLD) * hit.size
     largest = float(np.abs(deviation).max()) / sigma
@@ -99,6 +112,21 @@ def _are_outliers(hit: Mask, deviation: Floats, sigma: float) -> bool:
     by_size = hit.size * 2.0 * special.ndtr(-largest)
     apart = 1 + int(np.sum(np.diff(where) > 5))
     return bool(min(by_number, by_size) < BY_CHANCE and 2 * apart > where.size)
+
+
+def _is_louder_part(hit: Mask, deviation: Floats, sigma: float) -> bool:
+    """Whether hits gather in a part of the record and are small enough to be its louder noise.
+
+    They gather by the chi-square of their number in equal parts.  A driver that glitches for a
+    while gathers too, but its hits are far larger than the noise.
+    """
+    if outlier_parameters(deviation[hit], hit.size, sigma)[1] > LOUDEST * sigma:
+        return False
+    parts = np.array([part.sum() for part in np.array_split(hit, PARTS)], dtype=float)
+    expected = parts.sum() / PARTS
+    if expected < 1.0:
+        return False
+    return bool(special.chdtrc(PARTS - 1, np.sum((parts - expected) ** 2) / expected) < BY_CHANCE)
 
 
 def _outliers(hits: Floats, samples: int, sigma: float, unit: str) -> FittedEffect:

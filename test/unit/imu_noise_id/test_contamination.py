@@ -37,6 +37,33 @@ def test_a_louder_stretch_is_no_outlier():
     assert found.observed.all()
 
 
+def test_a_fifth_of_the_record_that_is_three_times_as_loud_is_no_outlier():
+    rng = np.random.default_rng(55)
+    values = white(N, rng)
+    values[20000:32000] *= 3.0
+    found = find_contamination(series(values), "u")
+    assert found.observed.all()
+    assert found.effects == ()
+    assert any("louder" in note for note in found.notes)
+
+
+def test_a_driver_that_glitches_for_a_while_gives_outliers():
+    rng = np.random.default_rng(57)
+    values = white(N, rng)
+    hit = np.flatnonzero(rng.random(N // 4) < 2e-3)
+    values[hit] += 200.0 * rng.standard_normal(hit.size)
+    found = find_contamination(series(values), "u")
+    assert [e.name for e in found.effects] == ["outliers"]
+    assert not found.observed[np.abs(values) > 51.0].any()
+
+
+def test_a_wide_tail_is_no_outlier():
+    rng = np.random.default_rng(56)
+    found = find_contamination(series(rng.laplace(size=N)), "u")
+    assert found.effects == ()
+    assert found.observed.all()
+
+
 def test_rounding_is_seen_and_its_error_subtracted():
     rng = np.random.default_rng(54)
     found = find_contamination(series(4.0 * np.rint(white(N, rng) / 4.0)), "u")
