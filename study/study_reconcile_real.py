@@ -111,6 +111,9 @@ def rows(path: Path, name: str) -> list[str]:
         left = f"{mended.before.score:.2f} {mended.verdict}" + (
             f": {said(mended)}" if mended.steps else ""
         )
+        if not np.isfinite(other.before.score):
+            out.append(f"| {name} | {result.name} | {span_s} | too few samples | | | |")
+            continue
         cells = (
             name,
             result.name,
