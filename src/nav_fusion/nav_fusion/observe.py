@@ -65,6 +65,9 @@ LAGS = 5
 REAL_FIX_M = 100.0
 """A prior wider than this makes the first fixes' innovations no test of anything."""
 
+FASTEST_M_S = 100.0
+"""A velocity that fixes in error have made is forgotten to within this when the filter restarts."""
+
 
 class Sensing(NamedTuple):
     """What the corrections need beside the state; all float64.
@@ -430,7 +433,7 @@ def start_anew(s: Floats, m: int, time_s: float, u: Update) -> None:
     seconds = max(time_s - s[STREAK_START_S], 1.0)
     for i in range(3):
         P[i * (STRIDE + 1)] += spread
-        P[(3 + i) * (STRIDE + 1)] += min(spread / seconds**2, 100.0)
+        P[(3 + i) * (STRIDE + 1)] += min(spread / seconds**2, FASTEST_M_S**2)
         P[(6 + i) * (STRIDE + 1)] += 1e-4
     s[RECOVERED] += 1.0
 
@@ -458,7 +461,7 @@ def correct_by_fix(
     wide = P[0] + P[STRIDE + 1] + P[2 * STRIDE + 2] > REAL_FIX_M**2
     logarithm = innovation_covariance(P, n, 3, u)
     nis = whiten(3, u)
-    if nis > sensing.gate[3] and not wide:
+    if nis > sensing.gate[3] and s[USED] > 0.0:
         if s[STREAK] == 0.0:
             s[STREAK_START_S] = time_s
         s[STREAK] += 1.0

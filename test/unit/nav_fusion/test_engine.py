@@ -247,6 +247,19 @@ def test_a_fix_10_km_off_is_gated() -> None:
     assert np.max(np.abs(solution.position[:, 1])) < 5.0
 
 
+@pytest.mark.parametrize("bad", [2, 3])
+def test_an_early_fix_10_km_off_is_recovered_from_though_fixes_are_slow(bad: int) -> None:
+    """One fix in ten seconds: what it makes of the speed is found false and given up."""
+    d = drive(600.0, rest_s=600.0, seed=4)
+    fix = d.fix[::50].copy()
+    fix[bad, 0] += 0.1
+    engine, rows = fused(replace(d, fix_ns=d.fix_ns[::50], fix=fix))
+    solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
+    assert np.all(np.abs(solution.position[-1]) < 5.0)
+    assert np.all(np.abs(solution.velocity[-1]) < 1.0)
+    assert engine.status().gated < 45
+
+
 def test_a_frozen_receiver_is_left_out() -> None:
     d = drive(20.0)
     frozen = d.fix.copy()
