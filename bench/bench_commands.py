@@ -34,7 +34,7 @@ SIGMAS = {"angular_velocity": 2e-4, "linear_acceleration": 2e-3}
 FLEET = 4
 LONG = 10_800_000
 HEADING_GIVEN = "--set initial_heading_rad=0.0"
-"""At rest and without a magnetometer nothing tells the heading: 16 are followed to the end."""
+"""At rest and without a magnetometer nothing tells the heading: 32 are followed to the end."""
 
 
 @dataclass(frozen=True)
