@@ -306,7 +306,8 @@ class Results:
         if file.exists():
             for line in file.read_text().splitlines():
                 x = json.loads(line)
-                self._runs[x.pop("case"), x.pop("seed")] = Scored(**x)
+                key = x.pop("case"), x.pop("seed")
+                self._runs[key] = Scored(**x)
 
     def of(self, case: Case) -> dict[int, Scored]:
         """Return the runs of a case by seed."""
