@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from imu_noise_id.compiled import njit
 from imu_noise_id.recording import Floats, Mask
 
-CHUNK = 2048
+CHUNK = 4096
 LEVELS = 32
 WHOLE = 0.75
 PER_OCTAVE = 6
