@@ -49,6 +49,9 @@ STRETCH = 1 << 13
 PHASE_SHARE = 0.1
 """Part of the variance due to quantization and lines from which a stride of m/16 is too coarse."""
 
+LEAST_CERTAIN = 0.4
+"""Weight of a share that is read from a few windows."""
+
 
 @dataclass(frozen=True)
 class AllanCurve:
@@ -119,7 +122,7 @@ def allan(series: Series, confidence: float = 0.95) -> AllanCurve:
     """
     pyramid = feed(empty_pyramid(), series.values, series.observed)
     strided = _read(pyramid)
-    steep = (strided.stride > 1) & (_phase_share(strided) > PHASE_SHARE)
+    steep = _needs_every_sample(strided, series.values.size)
     if steep.any():
         dense = _dense(series, strided.m[steep])
         for part in ("stride", "variance", "used", "whole"):
@@ -274,6 +277,20 @@ def _phase_share(sums: _Sums) -> Floats:
     later = np.where(shorter.T, scaled, 0.0).max(axis=1)[early]
     share[early] = scaled[early] / np.maximum(later, scaled[early])
     return np.minimum(share, 1.0)
+
+
+def _needs_every_sample(sums: _Sums, samples: int) -> Mask:
+    """Where a stride would lose degrees of freedom, (t,) bool.
+
+    The share is read from variances of n/m windows: where these are few, white noise alone seems
+    to have one in many a record, and the interval is so wide that only a large one matters.  In a
+    record of up to ``ENOUGH`` samples every sample costs nothing, and the share is taken as it is.
+    """
+    share = _phase_share(sums)
+    if samples > ENOUGH:
+        windows = np.maximum(sums.whole * sums.stride / sums.m, 1.0)
+        share = share * np.clip(1.0 - np.sqrt(2.0 / windows), LEAST_CERTAIN, 1.0)
+    return np.asarray((sums.stride > 1) & (share > PHASE_SHARE))
 
 
 def _dense(series: Series, m: Integers) -> _Sums:
