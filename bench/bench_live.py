@@ -79,6 +79,8 @@ def send(
     samples = node.create_publisher(Imu, "/imu/data", qos)
     places = node.create_publisher(NavSatFix, "/gps/fix", qos)
     heard.wait()
+    while not samples.get_subscription_count():  # each side matches the other on its own
+        time.sleep(0.01)
     pool = [bytearray(row) for row in messages(1000, np.random.default_rng(1))]
     count = round(rate_hz * seconds)
     begin_ns = time.time_ns()
