@@ -277,6 +277,13 @@ class Engine:
         z[15] = 1.0
         self._add(Measurement(int(stamp_ns), core.FIELD, z))
 
+    def make_room(self) -> None:
+        """Drop the measurements that no rewind can reach any more; what became of them is kept."""
+        assert self._core is not None
+        count = core.settled(self._core)
+        self._keep_results(count)
+        core.forget(self._core, count)
+
     # ------------------------------------------------------------------ asking
 
     @property
@@ -429,9 +436,7 @@ class Engine:
             self._waiting.add_measurement(measurement)
             return
         if self._core.cursor[core.HEAD_MEASUREMENT] == core.MEASUREMENT_RING:
-            count = core.settled(self._core)
-            self._keep_results(count)
-            core.forget(self._core, count)
+            self.make_room()
         outcome = core.insert(self._core, measurement.time_ns, measurement.kind, measurement.z)
         if not is_fix:
             return

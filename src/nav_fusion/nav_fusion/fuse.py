@@ -315,6 +315,7 @@ def warm_up() -> None:
         engine.add_fix(at - 300_000_000, 47.0, 8.0, 400.5 + 0.01 * k, np.eye(3))
         engine.add_velocity(at, (0.0, 0.0, 0.0), np.eye(3))
         engine.add_field(at, (2e-5, 0.0, -4e-5))
+    engine.make_room()
     engine.status()
     assert engine.origin is not None
     assert engine.state().size > core.OUT_SIZE
