@@ -639,20 +639,9 @@ def length_rows(file: Path) -> list[str]:
     return rows
 
 
-def main() -> None:
-    """Run the study and write its page."""
-    arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--runs", type=int, default=100)
-    arguments.add_argument("--results", type=Path, default=Path("build/study_fusion.jsonl"))
-    arguments.add_argument("--lengths", type=Path, default=Path("build/study_fusion_length.jsonl"))
-    arguments.add_argument("--flagged", type=int, default=20)
-    arguments.add_argument("--blocks-s", type=float, default=120.0)
-    arguments.add_argument("--output", default="docs/study_fusion.md")
-    options = arguments.parse_args()
-    results = Results(options.results)
-    page = [
-        "# Is the fused covariance true?",
-        "",
+def nees_section(results: Results, runs: int) -> list[str]:
+    """Return the table of NEES."""
+    return [
         "NEES at 60 s and 120 s of runs of 120 s at 100 Hz and 10 Hz (standing: at 120 s alone), "
         "mean, standard error over the runs, and the 95 % band that a true covariance's mean stays "
         "in.  Start heading unknown unless said.  Standing without a magnetometer the heading is "
@@ -665,14 +654,24 @@ def main() -> None:
         "",
         "| scenario | position | velocity | attitude | RMSE m after 60 s | fixes' RMSE m | runs |",
         "|---|---|---|---|---|---|---|",
-        *nees_rows(options.runs, results),
-        "",
+        *nees_rows(runs, results),
+    ]
+
+
+def rmse_section(results: Results) -> list[str]:
+    """Return the table of root mean square errors."""
+    return [
         "## Root mean square error beside the filter that has the true model, same runs",
         "",
         "| model | ratio | standard error | runs |",
         "|---|---|---|---|",
         *rmse_rows(results),
-        "",
+    ]
+
+
+def flagged_section(runs: int, blocks_s: float) -> list[str]:
+    """Return the tables of wrong models and of the statistic that would see them."""
+    return [
         "## How soon a wrong model is flagged",
         "",
         "Driving, coloured fixes, heading given; flagged when whiteness or the mean NIS fails at "
@@ -681,16 +680,21 @@ def main() -> None:
         "",
         "| model | flagged | median s | last s |",
         "|---|---|---|---|",
-        *flagged_rows(options.flagged),
+        *flagged_rows(runs),
         "",
         "Which statistic would see an IMU whose noise is 10 times too small: mean square of sums "
         "of whitened innovations over blocks of so many fixes (10 a second), 1 under a true "
         "model; in brackets in how many runs it lies outside 99.8 %.",
         "",
-        f"| model, {options.blocks_s:.0f} s | {' | '.join(map(str, BLOCKS))} | runs |",
+        f"| model, {blocks_s:.0f} s | {' | '.join(map(str, BLOCKS))} | runs |",
         "|" + "---|" * (len(BLOCKS) + 2),
-        *block_rows(options.flagged, options.blocks_s),
-        "",
+        *block_rows(runs, blocks_s),
+    ]
+
+
+def rate_section() -> list[str]:
+    """Return the table of rates."""
+    return [
         "## The same drive at three rates",
         "",
         "Largest relative difference of a variance after 40 s of fixes and 20 s without.",
@@ -698,7 +702,12 @@ def main() -> None:
         "| rates | difference |",
         "|---|---|",
         *rate_rows(),
-        "",
+    ]
+
+
+def length_section(lengths: Path) -> list[str]:
+    """Return the table of long runs."""
+    return [
         "## Length",
         "",
         "At rest, steps of 10 ms, one fix every 10 s up to 0.4 s late, outages of 20 s to 300 s, "
@@ -709,11 +718,31 @@ def main() -> None:
         "| steps | runs | covariances looked at / unsound | fixes used / gated / restarts | NIS "
         "| NEES at the end | lost |",
         "|---|---|---|---|---|---|---|",
-        *length_rows(options.lengths),
-        "",
+        *length_rows(lengths),
     ]
-    Path(options.output).parent.mkdir(parents=True, exist_ok=True)
-    Path(options.output).write_text("\n".join(page))
+
+
+def main() -> None:
+    """Run the study and write its page."""
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("--runs", type=int, default=100)
+    arguments.add_argument("--results", type=Path, default=Path("build/study_fusion.jsonl"))
+    arguments.add_argument("--lengths", type=Path, default=Path("build/study_fusion_length.jsonl"))
+    arguments.add_argument("--flagged", type=int, default=20)
+    arguments.add_argument("--blocks-s", type=float, default=120.0)
+    arguments.add_argument("--output", type=Path, default=Path("docs/study_fusion.md"))
+    options = arguments.parse_args()
+    results = Results(options.results)
+    sections = (
+        ["# Is the fused covariance true?"],
+        nees_section(results, options.runs),
+        rmse_section(results),
+        flagged_section(options.flagged, options.blocks_s),
+        rate_section(),
+        length_section(options.lengths),
+    )
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    options.output.write_text("\n".join(line for part in sections for line in (*part, "")))
 
 
 if __name__ == "__main__":
