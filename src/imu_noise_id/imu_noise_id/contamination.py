@@ -16,9 +16,14 @@ from imu_noise_id.series import Series
 MEDIAN_OVER_S = 2.0
 LEAST_PER_BLOCK = 16
 MOST_HIT = 0.05
+"""Share of the samples; a wide tail of many small ones is another distribution."""
 BY_CHANCE = 1e-4
 LOUDEST = 5.0
-"""Standard deviations of the rest; a part that is louder than that shows by hits in a row."""
+"""Standard deviations of the rest up to which hits that gather are a part's louder noise.
+
+A part that is louder yet shows by hits in a row; a driver that glitches for a while has far larger
+ones.
+"""
 PARTS = 16
 """Of a record, in which the hits are counted: an outlier comes at any time."""
 ENOUGH = 2**18
@@ -62,16 +67,18 @@ def find_contamination(series: Series, unit: str) -> Contamination:
     sigma = robust_sigma(deviation)
     rounded = _rounding(seen, deviation, series.sample_time_s, unit)
     hit = np.abs(deviation) > THRESHOLD * max(sigma, rounded.step)
+    rate, scale = outlier_parameters(deviation[hit], seen.size, sigma)
+    louder = scale < LOUDEST * sigma and _gather(hit)
     observed = series.observed
     effects: tuple[FittedEffect, ...] = rounded.effects
     notes = rounded.notes
-    if sigma > 0.0 and _are_outliers(hit, deviation, sigma):
+    if sigma > 0.0 and rate <= MOST_HIT and not louder and _come_singly(hit, deviation, sigma):
         observed = observed.copy()
         observed[np.flatnonzero(series.observed)[hit]] = False
-        effects = (_outliers(deviation[hit], seen.size, sigma, unit), *effects)
+        effects = (_outliers(rate, scale, int(hit.sum()), unit), *effects)
     elif hit.mean() > MOST_HIT:
         notes = (*notes, "far from Gaussian: many samples lie beyond 5 standard deviations")
-    elif _is_louder_part(hit, deviation, sigma):
+    elif louder:
         notes = (*notes, "louder in a part of the recording: its samples are no outliers")
     return Contamination(observed, effects, rounded.floor, notes)
 
@@ -94,17 +101,10 @@ def robust_sigma(deviation: Floats) -> float:
     return sigma if sigma > 0.0 else float(np.std(deviation))
 
 
-def _are_outliers(hit: Mask, deviation: Floats, sigma: float) -> bool:
-    """Whether the hits are more, or larger, than Gaussian samples explain, and come singly.
-
-    And whether they are the tail of few: a wide tail of many small ones is another distribution.
-    """
+def _come_singly(hit: Mask, deviation: Floats, sigma: float) -> bool:
+    """Whether the hits are more, or larger, than Gaussian samples explain, and come singly."""
     where = np.flatnonzero(hit)
-    if where.size == 0 or where.size > MOST_HIT * hit.size:
-        return False
-    if _is_louder_part(hit, deviation, sigma):
-        return False
-    if outlier_parameters(deviation[hit], hit.size, sigma)[0] > MOST_HIT:
+    if where.size == 0:
         return False
     expected = 2.0 * special.ndtr(-THRESHOLD) * hit.size
     largest = float(np.abs(deviation).max()) / sigma
@@ -114,14 +114,8 @@ def _are_outliers(hit: Mask, deviation: Floats, sigma: float) -> bool:
     return bool(min(by_number, by_size) < BY_CHANCE and 2 * apart > where.size)
 
 
-def _is_louder_part(hit: Mask, deviation: Floats, sigma: float) -> bool:
-    """Whether hits gather in a part of the record and are small enough to be its louder noise.
-
-    They gather by the chi-square of their number in equal parts.  A driver that glitches for a
-    while gathers too, but its hits are far larger than the noise.
-    """
-    if outlier_parameters(deviation[hit], hit.size, sigma)[1] > LOUDEST * sigma:
-        return False
+def _gather(hit: Mask) -> bool:
+    """Whether hits gather in a part of the record: chi-square of their number in equal parts."""
     parts = np.array([part.sum() for part in np.array_split(hit, PARTS)], dtype=float)
     expected = parts.sum() / PARTS
     if expected < 1.0:
@@ -129,17 +123,16 @@ def _is_louder_part(hit: Mask, deviation: Floats, sigma: float) -> bool:
     return bool(special.chdtrc(PARTS - 1, np.sum((parts - expected) ** 2) / expected) < BY_CHANCE)
 
 
-def _outliers(hits: Floats, samples: int, sigma: float, unit: str) -> FittedEffect:
-    rate, scale = outlier_parameters(hits, samples, sigma)
-    low = 0.5 * float(special.chdtri(2 * hits.size, 0.975))
-    high = 0.5 * float(special.chdtri(2 * hits.size + 2, 0.025))
-    spread = np.exp(1.96 / np.sqrt(2.0 * hits.size))
-    found = hits.size / rate if rate > 0.0 else 1.0
+def _outliers(rate: float, scale: float, hits: int, unit: str) -> FittedEffect:
+    low = 0.5 * float(special.chdtri(2 * hits, 0.975))
+    high = 0.5 * float(special.chdtri(2 * hits + 2, 0.025))
+    spread = np.exp(1.96 / np.sqrt(2.0 * hits))
+    found = hits / rate
     return FittedEffect(
         Outliers(rate, scale),
         (
-            Estimate(rate, rate / np.sqrt(hits.size), low / found, high / found, "1"),
-            Estimate(scale, scale / np.sqrt(2.0 * hits.size), scale / spread, scale * spread, unit),
+            Estimate(rate, rate / np.sqrt(hits), low / found, high / found, "1"),
+            Estimate(scale, scale / np.sqrt(2.0 * hits), scale / spread, scale * spread, unit),
         ),
     )
 

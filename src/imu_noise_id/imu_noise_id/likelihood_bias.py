@@ -6,7 +6,7 @@ for the maximum of l(theta) becomes
     E[theta_hat - theta] = -J^-1 sum_k (nu_k/4) deta_k (tr(J^-1 H_k) + deta_k' J^-1 deta_k),
 
 H_k the second derivatives of eta at ordinate k.  The standard deviation of a Gauss-Markov term
-that is twelve correlation times long comes out too small by 0.31 of its error, corrected by 0.16,
+that is twelve correlation times long comes out too small by 0.31 of its error, corrected by 0.17,
 at no cost in the error (``docs/study_identify.md``).
 """
 
