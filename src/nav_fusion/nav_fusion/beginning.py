@@ -10,6 +10,7 @@ takes effect at the next start.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 
 import numpy as np
 from imu_noise_id.cdr import Decoded
@@ -53,7 +54,11 @@ class Beginning:
             self._span_s = (int(decoded.stamp_ns[-1]) - self._first_ns) * 1e-9
         self._batches.append((topic, msgtype, decoded, log_ns))
         if not self.kept:
-            self._batches = []
+            self.forget()
+
+    def forget(self) -> None:
+        """Give the batches up; a replay that is running ends."""
+        self._batches.clear()
 
     def replay(self, engine: Engine, begin: int = 0) -> int:
         """Feed all batches from ``begin`` on to an engine; return the number of the next.
@@ -61,9 +66,7 @@ class Beginning:
         Batches may be added meanwhile by another thread.  The rows that the engine gives have been
         published already.
         """
-        batches = self._batches  # the same list, even where all are forgotten meanwhile
-        while begin < len(batches):
-            _, msgtype, decoded, _ = batches[begin]
+        for _, msgtype, decoded, _ in islice(self._batches, begin, None):
             feed(engine, msgtype, decoded)
             begin += 1
         return begin

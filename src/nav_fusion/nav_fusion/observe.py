@@ -63,7 +63,7 @@ LAGS = 5
 """Lags at which the innovations' autocorrelation is kept."""
 
 REAL_FIX_M = 100.0
-"""A prior wider than this makes the first fixes' innovations no test of anything."""
+"""With a prior wider than this the first fix tests nothing, and is not counted in the NIS."""
 
 FASTEST_M_S = 100.0
 """A velocity that fixes in error have made is forgotten to within this when the filter restarts."""
@@ -253,14 +253,6 @@ def shift_state(s: Floats, m: int, k: int, u: Update) -> None:
 
 
 @njit(cache=True)
-def apply_correction(s: Floats, m: int, k: int, u: Update) -> None:
-    """Correct state and covariance of the hypothesis ``s`` by the prepared innovation."""
-    gain(NAV + m, k, u)
-    joseph(s[SLOW + m :], NAV + m, k, u)
-    shift_state(s, m, k, u)
-
-
-@njit(cache=True)
 def keep_heading(s: Floats, k: int, u: Update) -> None:
     """Take the turn about the vertical out of the gain.
 
@@ -279,10 +271,11 @@ def keep_heading(s: Floats, k: int, u: Update) -> None:
 
 
 @njit(cache=True)
-def apply_at_rest(s: Floats, m: int, k: int, u: Update) -> None:
-    """Correct state and covariance by the prepared innovation, all but the heading."""
+def apply_correction(s: Floats, m: int, k: int, sees_heading: bool, u: Update) -> None:
+    """Correct state and covariance of the hypothesis ``s`` by the prepared innovation."""
     gain(NAV + m, k, u)
-    keep_heading(s, k, u)
+    if not sees_heading:
+        keep_heading(s, k, u)
     joseph(s[SLOW + m :], NAV + m, k, u)
     shift_state(s, m, k, u)
 
@@ -485,10 +478,7 @@ def correct_by_fix(
             s[FIRST_FIX + i] = z[i]
     s[USED] += 1.0
     note_result(s, nis, TAKEN, u)
-    if rests:
-        apply_at_rest(s, m, 3, u)
-    else:
-        apply_correction(s, m, 3, u)
+    apply_correction(s, m, 3, not rests, u)
 
 
 @njit(cache=True)
@@ -536,10 +526,7 @@ def correct_by_velocity(
     s[VELOCITY_STREAK] = 0.0
     s[LOG_WEIGHT] -= 0.5 * (min(nis, sensing.gate[3]) + logarithm)
     s[VELOCITY_USED] += 1.0
-    if rests:
-        apply_at_rest(s, m, 3, u)
-    else:
-        apply_correction(s, m, 3, u)
+    apply_correction(s, m, 3, not rests, u)
 
 
 @njit(cache=True)
@@ -579,7 +566,7 @@ def correct_by_field(s: Floats, slow: SlowModel, z: Floats, sensing: Sensing, u:
         return
     s[LOG_WEIGHT] -= 0.5 * (nis + logarithm)
     s[HEADING_USED] += 1.0
-    apply_correction(s, m, 1, u)
+    apply_correction(s, m, 1, True, u)
 
 
 @njit(cache=True)
@@ -702,12 +689,8 @@ def correct_by_rates(
     logarithm = innovation_covariance(s[SLOW + m :], n, 3, u)
     nis = whiten(3, u)
     s[LOG_WEIGHT] -= 0.5 * (min(nis, sensing.gate[3]) + logarithm)
-    if nis > sensing.gate[3]:
-        return
-    if finds_north(slow):
-        apply_correction(s, m, 3, u)
-    else:
-        apply_at_rest(s, m, 3, u)
+    if nis <= sensing.gate[3]:
+        apply_correction(s, m, 3, finds_north(slow), u)
 
 
 @njit(cache=True)
@@ -720,5 +703,5 @@ def correct_by_stop(
     nis = whiten(3, u)
     s[LOG_WEIGHT] -= 0.5 * (min(nis, sensing.gate[3]) + logarithm)
     if nis <= sensing.gate[3]:
-        apply_at_rest(s, m, 3, u)
+        apply_correction(s, m, 3, False, u)
         s[STILL_UPDATES] += 1.0

@@ -41,7 +41,7 @@ class SlowModel(NamedTuple):
 
     ``target`` (m,) what each acts on; ``rate`` (m,) 1/T; ``psd`` (m,) of its driving noise;
     ``variance`` (m,) at the start; ``spin`` (m,) rad/s, other than 0 where a state and the next
-    are a pair (:class:`nav_fusion.noise.PairTerm`).
+    are a pair (:class:`nav_fusion.noise_terms.PairTerm`).
     """
 
     target: Ints

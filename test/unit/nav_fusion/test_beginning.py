@@ -26,9 +26,9 @@ def fix(d: Drive, k: int) -> Decoded:
     return Decoded(d.fix_ns[k : k + 1], values, np.ones(1, bool), frozenset())
 
 
-def fed(d: Drive, beginning: Beginning, engine: Engine) -> None:
-    """Batches of 20 samples, a fix behind each."""
-    for k in range(d.fix_ns.size):
+def fed(d: Drive, beginning: Beginning, engine: Engine, fixes: range | None = None) -> None:
+    """Batches of 20 samples, a fix behind each; of all fixes where none are named."""
+    for k in fixes or range(d.fix_ns.size):
         part = slice(20 * k, 20 * (k + 1))
         log_ns = d.stamp_ns[part].tolist()
         beginning.add("/imu/data", cdr.IMU, imu(d, part), log_ns)
@@ -46,6 +46,20 @@ def test_a_replayed_engine_and_the_recording_are_in_the_state_of_the_live_one() 
     assert live.running
     assert np.array_equal(live.state(), again.state())
     assert np.array_equal(live.state(), bag.state())
+
+
+def test_what_came_during_a_replay_is_replayed_next_and_forgetting_leaves_nothing() -> None:
+    d = drive(10.0)
+    beginning, live, again = Beginning(), Engine(mems_defaults()), Engine(mems_defaults())
+    half = d.fix_ns.size // 2
+    fed(d, beginning, live, range(half))
+    replayed = beginning.replay(again)
+    fed(d, beginning, live, range(half, d.fix_ns.size))
+    assert beginning.replay(again, replayed) == 2 * d.fix_ns.size
+    assert live.running
+    assert np.array_equal(live.state(), again.state())
+    beginning.forget()
+    assert beginning.replay(Engine(mems_defaults())) == 0
 
 
 def test_what_is_longer_than_is_kept_is_forgotten_whole() -> None:

@@ -123,7 +123,7 @@ class FuseNode(Node):
         }
 
     def _sink(self, kind: str) -> Callable[[bytes], None]:
-        return self._on_imu if kind == "imu" else lambda data: self._keep(kind, data)
+        return self._on_imu if kind == "imu" else lambda data: self._on_aid(kind, data)
 
     def _keep(self, kind: str, data: bytes) -> None:
         self._inbox.append((kind, data, time.time_ns()))
@@ -139,6 +139,11 @@ class FuseNode(Node):
         if slot != self._slot:
             self._slot = slot
             self._drain()
+
+    def _on_aid(self, kind: str, data: bytes) -> None:
+        """Take a measurement at once: between two outputs there is time for it."""
+        self._keep(kind, data)
+        self._drain()
 
     def _noise_of_file(self) -> NavigationNoise | None:
         path = self._values["model_file"]
@@ -209,7 +214,8 @@ class FuseNode(Node):
             self._take_over(found.noise)
 
     def close(self) -> None:
-        """End the thread and the process."""
+        """End the thread and the process, whatever they are at."""
+        self._beginning.forget()
         self._pool.shutdown(cancel_futures=True)
         self._worker.close()
 
@@ -325,6 +331,7 @@ class FuseNode(Node):
             return response
         self._inbox = []
         self._engine = None
+        self._beginning.forget()
         self._beginning = Beginning()
         self._successor = None
         for stream in self._streams.values():
