@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 from imu_noise_id.allan import allan
-from imu_noise_id.cca import allan_deviation, allan_distance, driven, past_future
+from imu_noise_id.cca import driven, past_future
 from imu_noise_id.series import Series
+from imu_noise_id.shaping_allan import allan_deviation, allan_distance
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import lfilter

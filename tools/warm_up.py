@@ -8,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
 
 WORK = (
-    ("imu_noise_id.allan", "imu_noise_id.cca", "imu_noise_id.phase"),
+    ("imu_noise_id.allan", "imu_noise_id.cca", "imu_noise_id.joint_cca", "imu_noise_id.phase"),
     ("nav_fusion.fuse",),
 )
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from imu_noise_id.allan import allan
-from imu_noise_id.cca import allan_deviation, allan_distance, driven, joint, past_future
+from imu_noise_id.cca import driven, past_future
 from imu_noise_id.innovations import Innovations, maximise
 from imu_noise_id.series import Series
-from imu_noise_id.transfer_function import DiscreteTransfer, output_sigma, random_walk
+from imu_noise_id.shaping_allan import allan_deviation, allan_distance
+from imu_noise_id.transfer_function import output_sigma, random_walk
 from scipy import linalg
 from scipy.signal import lfilter
 
@@ -177,60 +178,10 @@ def test_cca_and_allan_tell_the_same_story():
     assert far == pytest.approx(np.log(2.0), rel=0.2)
 
 
-@pytest.mark.parametrize("pole", [0.0, 0.9, 0.9999])
-def test_allan_deviation_of_a_model_is_the_closed_form(pole):
-    m = np.array([1, 2, 7, 100, 5000])
-    transfer = DiscreteTransfer(np.array([1.0, 0.0]), np.array([1.0, -pole]), 1.0)
-    lag = np.arange(10_000)
-    covariance = pole**lag / (1.0 - pole**2) if pole else np.eye(1, 10_000)[0]
-
-    def variance_of_sum(m):
-        return m * covariance[0] + 2.0 * np.sum((m - lag[1:m]) * covariance[1:m])
-
-    expected = [np.sqrt((4 * variance_of_sum(k) - variance_of_sum(2 * k)) / 2) / k for k in m]
-    np.testing.assert_allclose(allan_deviation(transfer, m), expected, rtol=1e-6)
-
-
-def test_an_unstable_model_has_no_allan_curve():
-    with pytest.raises(ValueError, match="unstable"):
-        allan_deviation(DiscreteTransfer(np.ones(1), np.array([1.0, -1.5]), 1.0), np.array([1]))
-
-
-def test_three_axes_share_one_slow_state():
-    rng = np.random.default_rng(12)
-    size, pole = 60_000, 0.98
-    slow = lfilter([1.0], [1.0, -pole], rng.standard_normal(size))
-    shares = np.array([0.3, -0.2, 0.1])
-    mixing = np.array([[1.0, 0, 0], [0.5, 1.0, 0], [0, 0.2, 2.0]])
-    values = slow[:, None] * shares + rng.standard_normal((size, 3)) @ mixing.T
-    found = joint(tuple(series_of(column, sample_time_s=0.01) for column in values.T))
-    assert found.significant
-    assert found.order == 1
-    space = found.state_space
-    expected = pole**found.block
-    assert space.A[0, 0] == pytest.approx(expected, abs=0.02 if found.block == 1 else 0.05)
-    direction = space.C[:, 0] / np.linalg.norm(space.C[:, 0])
-    np.testing.assert_allclose(abs(direction @ shares) / np.linalg.norm(shares), 1.0, atol=0.02)
-    assert np.max(np.abs(np.linalg.eigvals(space.A - space.K @ space.C))) < 1.0
-
-
-def test_three_white_axes_share_nothing():
-    rng = np.random.default_rng(13)
-    values = rng.standard_normal((20_000, 3))
-    values[:, 1] += 0.8 * values[:, 0]
-    found = joint(tuple(series_of(column) for column in values.T))
-    assert not found.significant
-    assert found.order == 0
-    expected = np.cov(values.T)
-    np.testing.assert_allclose(found.state_space.innovation_covariance, expected, atol=0.05)
-
-
 @pytest.mark.parametrize("values", [np.zeros(1000), np.full(1000, 9.81), np.arange(5.0)])
 def test_what_cannot_be_had_is_refused_with_a_reason(values):
     with pytest.raises(ValueError, match=r"equal|too few"):
         past_future(series_of(values))
-    with pytest.raises(ValueError, match=r"constant|too few"):
-        joint((series_of(values), series_of(values)))
 
 
 def test_a_constant_input_is_refused():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from imu_noise_id.cca import WHAT_AN_INPUT_CAN_FIND, Cca, allan_deviation, allan_distance
+from imu_noise_id.cca import WHAT_AN_INPUT_CAN_FIND, Cca
 from imu_noise_id.identify import ChannelResult
 from imu_noise_id.recording import Floats
 from imu_noise_id.report import figures
@@ -12,6 +12,7 @@ from imu_noise_id.report.curves import Part
 from imu_noise_id.report.page import Figure, Table
 from imu_noise_id.report.plot import Axis, Layer, Plot
 from imu_noise_id.series import Series
+from imu_noise_id.shaping_allan import allan_deviation, allan_distance
 from imu_noise_id.terminal import number
 from imu_noise_id.transfer_function import drive, frequency_response, step_response
 

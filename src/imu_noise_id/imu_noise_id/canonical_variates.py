@@ -1,0 +1,228 @@
+"""Canonical correlations of a record's past and future, and the states that they make.
+
+Scales.  A state that is slow and lies under white noise shows only against a past as long as its
+memory.  So past and future are 20 block means each, in blocks of 1, 4, 16, ... samples, and
+the scale whose first correlation stands highest above chance is taken.
+
+Chance.  The lagged products of white noise are independent, so the correlations of its past and
+future are the singular values of a Hankel matrix of independent normals over sqrt(rows); the level
+that the largest exceeds in 1 % of records (all scales together) is simulated once.
+
+Gaps.  Rows that touch an unobserved sample are skipped (beyond ``DATA_ROWS`` rows, where lagged
+covariances replace the QR of the data, lagged products that touch one).  Those covariances are only
+where a refinement by likelihood starts; their relative error, the condition number times 1e-16,
+does not reach the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from imu_noise_id.recording import Floats, Mask
+from imu_noise_id.series import Series
+from imu_noise_id.spectrum import block_means
+
+LAGS = (1, 2, 3, 5, 7, 10, 14, 20)
+"""Lags of past and of future; the most that leave 20 rows a column."""
+SCALE = 4
+DATA_ROWS = 1 << 15
+"""Rows up to which the data themselves are factored; beyond, their lagged covariances."""
+FALSE_ALARM = 0.01
+SHORTEST = 60
+"""Fewest rows of a scale that is searched."""
+_EVERY = 1 << 14
+
+
+@dataclass(frozen=True)
+class Correlations:
+    """Canonical correlations of past and future, and the factor of the lagged data behind them.
+
+    ``factor`` is R of the lag matrix [past | future] (columns: lag 1 ... p, then lead 0 ... f-1, d
+    channels each), ``variates`` the canonical vectors of the past.
+    """
+
+    values: Floats
+    variates: Floats
+    factor: Floats
+    rows: int
+    lags: int
+    block: int
+    chance_level: float
+
+    @property
+    def excess(self) -> float:
+        """First correlation over the level of chance."""
+        return float(self.values[0] / self.chance_level)
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """x' = A x + K e, y = C x + e with e white of covariance ``innovation_covariance``."""
+
+    A: Floats
+    C: Floats
+    K: Floats
+    innovation_covariance: Floats
+    sample_time_s: float
+
+
+def search(values: Floats, observed: Mask) -> list[Correlations]:
+    """Correlations at every scale, the highest above chance first."""
+    return sorted(scan(values[:, None], observed), key=lambda c: -c.excess)
+
+
+def scan(values: Floats, observed: Mask) -> list[Correlations]:
+    """Correlations of past and future at every scale; values (n, d) with zero mean."""
+    size, channels = values.shape
+    blocks = [1]
+    while size // (blocks[-1] * SCALE) >= SHORTEST:
+        blocks.append(blocks[-1] * SCALE)
+    found = []
+    means, seen = values, observed
+    for block in blocks:
+        if block > 1:
+            means, seen = blocks_of(means, seen, SCALE)
+        for lags in LAGS[::-1]:  # the most that leave enough rows
+            rows = int(whole_rows(seen, 2 * lags).size)
+            if rows >= max(SHORTEST // 2, 20 * lags * channels):
+                factor = _factor(means, seen, lags)[0]
+                found.append(_correlate(factor, rows, lags, channels, block, len(blocks)))
+                break
+    if not found:
+        raise ValueError("no stretch is whole enough to set a past against a future")
+    return found
+
+
+def regressed(found: Correlations, order: int, sample_time_s: float) -> StateSpace:
+    """A, C, K by regression on the first canonical variates (all products from the factor)."""
+    past, channels = found.variates.shape[0], found.variates.shape[0] // found.lags
+    width = found.factor.shape[1]
+    now = np.zeros((width, order))
+    now[:past] = found.variates[:, :order]
+    output = np.eye(width)[:, past : past + channels]
+    shifted = np.zeros((width, order))  # the next past is [y_k, past without its oldest lag]
+    shifted[past : past + channels] = found.variates[:channels, :order]
+    shifted[: past - channels] = found.variates[channels:, :order]
+    R = found.factor
+    C = np.linalg.lstsq(R @ now, R @ output, rcond=None)[0].T
+    error = R @ (output - now @ C.T)
+    both = np.linalg.lstsq(np.hstack((R @ now, error)), R @ shifted, rcond=None)[0].T
+    covariance = error.T @ error / found.rows
+    return StateSpace(both[:, :order], C, both[:, order:], covariance, sample_time_s)
+
+
+def centred(values: Floats, observed: Mask) -> Floats:
+    """Values about the mean of the observed ones, zero elsewhere."""
+    if not observed.any():
+        return np.zeros(values.size)
+    reference = values[np.argmax(observed)]
+    centred = np.where(observed, values - reference, 0.0)
+    return np.where(observed, centred - centred.sum() / observed.sum(), 0.0)
+
+
+def blocks_of(values: Floats, observed: Mask, block: int) -> tuple[Floats, Mask]:
+    """Block means of each channel, (n, d), and which of them were whole enough."""
+    means = [block_means(Series(column, observed, 1.0), block) for column in values.T]
+    return np.stack([mean.values for mean in means], axis=1), means[0].observed
+
+
+def whole_rows(observed: Mask, lags: int) -> NDArray[np.int64]:
+    """First samples of the stretches of ``lags`` samples that were all observed."""
+    if observed.all():
+        return np.arange(observed.size - lags + 1)
+    seen = np.concatenate(([0], np.cumsum(observed)))
+    return np.flatnonzero(seen[lags:] - seen[:-lags] == lags)
+
+
+def triangle(table: Callable[[NDArray[np.int64]], Floats], rows: NDArray[np.int64]) -> Floats:
+    """R of the QR factorisation of a tall table, rows taken some thousands at a time."""
+    R = np.asarray(np.linalg.qr(table(rows[:_EVERY]), mode="r"))
+    for begin in range(_EVERY, rows.size, _EVERY):
+        part = np.vstack((R, table(rows[begin : begin + _EVERY])))
+        R = np.asarray(np.linalg.qr(part, mode="r"))
+    return R
+
+
+def _correlate(
+    factor: Floats, rows: int, lags: int, channels: int, block: int, scales: int
+) -> Correlations:
+    """Canonical correlations from R of [past | future]."""
+    past = lags * channels
+    Q, _ = np.linalg.qr(factor[:, past:])
+    U, S, _ = np.linalg.svd(Q[:past], full_matrices=False)
+    variates = np.sqrt(rows) * linalg.solve_triangular(factor[:past, :past], U)
+    chance = _hankel_quantile(lags, channels, FALSE_ALARM / scales) / np.sqrt(rows)
+    return Correlations(np.minimum(S, 1.0), variates, factor, rows, lags, block, float(chance))
+
+
+def _factor(values: Floats, observed: Mask, lags: int) -> tuple[Floats, int]:
+    """R of the table [past | future] of ``lags`` lags each, and its number of rows."""
+    whole = whole_rows(observed, 2 * lags)
+    width = 2 * lags * values.shape[1]
+    if whole.size > DATA_ROWS:
+        return _covariance_factor(values, observed, 2 * lags, whole.size), whole.size
+    if whole.size < width:
+        return np.eye(width), whole.size
+    order = np.r_[np.arange(lags - 1, -1, -1), np.arange(lags, 2 * lags)]
+
+    def lagged(chosen: NDArray[np.int64]) -> Floats:
+        return values[chosen[:, None] + order].reshape(chosen.size, width)
+
+    R = triangle(lagged, whole)
+    # where the record has no variation in some direction, a floor far below it keeps R regular
+    floor = 1e-14 * max(float(np.abs(R).max()), 1e-300)
+    diagonal = np.diag_indices(width)
+    R[diagonal] = np.where(np.abs(R[diagonal]) < floor, floor, R[diagonal])
+    return R, whole.size
+
+
+def _covariance_factor(values: Floats, observed: Mask, lags: int, rows: int) -> Floats:
+    """Factor from lagged covariances, for records long enough to make the ends negligible."""
+    channels = values.shape[1]
+    seen, columns = observed.astype(np.float64), np.ascontiguousarray(values.T)
+    covariance = np.empty((lags, channels, channels))
+    for lag in range(lags):
+        end = values.shape[0] - lag
+        pairs = end if observed.all() else float(seen[lag:] @ seen[:end])
+        for i, j in np.ndindex(channels, channels):
+            covariance[lag, i, j] = columns[i, lag:] @ columns[j, :end] / max(pairs, 1.0)
+    half = lags // 2
+    time = np.r_[-np.arange(1, half + 1), np.arange(half)]
+    matrix = np.empty((lags, channels, lags, channels))
+    for i in range(lags):
+        for j in range(lags):
+            shift = time[i] - time[j]
+            matrix[i, :, j] = covariance[shift] if shift >= 0 else covariance[-shift].T
+    flat = matrix.reshape(lags * channels, -1)
+    ridge = 0.0
+    for _ in range(12):
+        try:
+            return np.sqrt(rows) * np.linalg.cholesky(flat + ridge * np.eye(flat.shape[0])).T
+        except np.linalg.LinAlgError:
+            ridge = max(10.0 * ridge, 1e-14 * float(np.trace(flat)))
+    raise ValueError("lagged covariances are not positive")
+
+
+def _hankel_quantile(lags: int, channels: int, tail: float) -> float:
+    """Level that sqrt(rows) times the first correlation of white noise exceeds with chance tail."""
+    centre, beta = _hankel_gumbel(lags, channels)
+    return float(centre - beta * np.log(-np.log1p(-tail)))
+
+
+@lru_cache(maxsize=64)
+def _hankel_gumbel(lags: int, channels: int) -> tuple[float, float]:
+    """Location and scale of that correlation's upper tail, from draws with a fixed seed."""
+    rng = np.random.default_rng(20_26)
+    draws = 2000 // channels**2
+    lag = np.add.outer(np.arange(lags), np.arange(lags))
+    products = rng.standard_normal((draws, 2 * lags - 1, channels, channels))
+    hankel = products[:, lag].transpose(0, 1, 3, 2, 4).reshape(draws, lags * channels, -1)
+    largest = np.sqrt(np.linalg.eigvalsh(hankel @ hankel.transpose(0, 2, 1))[:, -1])
+    beta = float(np.std(largest)) * np.sqrt(6.0) / np.pi
+    return float(np.mean(largest)) - np.euler_gamma * beta, beta
