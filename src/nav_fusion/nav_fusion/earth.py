@@ -82,24 +82,39 @@ def ecef_at(latitude_rad: float, longitude_rad: float, altitude_m: float, r: Flo
     r[2] = (N * (1.0 - ECCENTRICITY_SQUARED) + altitude_m) * s
 
 
-def geodetic_from_ecef(r: Floats) -> tuple[Floats, Floats, Floats]:
-    """Latitude, longitude (rad) and altitude (m) of ECEF points (..., 3).
+@njit(cache=True)
+def geodetic_at(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Latitude, longitude (rad) and altitude (m) of one ECEF point.
 
     Bowring's formula (1976) with one more turn: below 1e-12 rad from -10 km to 50 km.
     """
-    x, y, z = r[..., 0], r[..., 1], r[..., 2]
-    p = np.hypot(x, y)
+    p = math.hypot(x, y)
     a, b, e2 = EQUATORIAL_RADIUS_M, POLAR_RADIUS_M, ECCENTRICITY_SQUARED
     second = (a * a - b * b) / (b * b)
-    reduced = np.arctan2(z * a, p * b)
+    reduced, latitude = math.atan2(z * a, p * b), 0.0
     for _ in range(2):
-        latitude = np.arctan2(
-            z + second * b * np.sin(reduced) ** 3, p - e2 * a * np.cos(reduced) ** 3
+        latitude = math.atan2(
+            z + second * b * math.sin(reduced) ** 3, p - e2 * a * math.cos(reduced) ** 3
         )
-        reduced = np.arctan2((1.0 - FLATTENING) * np.sin(latitude), np.cos(latitude))
-    s, c = np.sin(latitude), np.cos(latitude)
-    altitude = p * c + z * s - a * np.sqrt(1.0 - e2 * s * s)
-    return latitude, np.arctan2(y, x), altitude
+        reduced = math.atan2((1.0 - FLATTENING) * math.sin(latitude), math.cos(latitude))
+    s, c = math.sin(latitude), math.cos(latitude)
+    altitude = p * c + z * s - a * math.sqrt(1.0 - e2 * s * s)
+    return latitude, math.atan2(y, x), altitude
+
+
+@njit(cache=True)
+def _geodetic_rows(points: Floats, out: Floats) -> None:
+    for k in range(points.shape[0]):
+        out[k, 0], out[k, 1], out[k, 2] = geodetic_at(points[k, 0], points[k, 1], points[k, 2])
+
+
+def geodetic_from_ecef(r: Floats) -> tuple[Floats, Floats, Floats]:
+    """Latitude, longitude (rad) and altitude (m) of ECEF points (..., 3)."""
+    points = np.ascontiguousarray(r, dtype=np.float64).reshape(-1, 3)
+    out = np.empty_like(points)
+    _geodetic_rows(points, out)
+    places = out.reshape(r.shape)
+    return places[..., 0], places[..., 1], places[..., 2]
 
 
 def level_axes(latitude_rad: Floats | float, longitude_rad: Floats | float) -> Floats:
@@ -114,6 +129,14 @@ def level_axes(latitude_rad: Floats | float, longitude_rad: Floats | float) -> F
 
 
 @njit(cache=True)
+def fill_axes(sl: float, cl: float, so: float, co: float, T: Floats) -> None:
+    """C_ne into ``T`` (3, 3) by sine and cosine of latitude and of longitude."""
+    T[0, 0], T[0, 1], T[0, 2] = -so, co, 0.0
+    T[1, 0], T[1, 1], T[1, 2] = -sl * co, -sl * so, cl
+    T[2, 0], T[2, 1], T[2, 2] = cl * co, cl * so, sl
+
+
+@njit(cache=True)
 def level_axes_at(r: Floats, T: Floats) -> None:
     """C_ne at the ECEF point ``r`` (3,) into ``T`` (3, 3); geodetic up by one Bowring step."""
     p = math.sqrt(r[0] * r[0] + r[1] * r[1])
@@ -125,7 +148,4 @@ def level_axes_at(r: Floats, T: Floats) -> None:
         p - ECCENTRICITY_SQUARED * a * math.cos(reduced) ** 3,
     )
     sl, cl = math.sin(latitude), math.cos(latitude)
-    so, co = r[1] / p, r[0] / p
-    T[0, 0], T[0, 1], T[0, 2] = -so, co, 0.0
-    T[1, 0], T[1, 1], T[1, 2] = -sl * co, -sl * so, cl
-    T[2, 0], T[2, 1], T[2, 2] = cl * co, cl * so, sl
+    fill_axes(sl, cl, r[1] / p, r[0] / p, T)

@@ -309,7 +309,7 @@ def warm_up() -> None:
     zero = np.zeros((stamp_ns.size, 3))
     for k in range(10):
         part = slice(50 * k, 50 * (k + 1))
-        engine.add_imu(stamp_ns[part], zero[part], force[part])
+        rows = engine.add_imu(stamp_ns[part], zero[part], force[part])
         at = int(stamp_ns[part][-1])
         engine.add_fix(at, 47.0, 8.0, 400.0 + 0.01 * k, np.eye(3))
         engine.add_fix(at - 300_000_000, 47.0, 8.0, 400.5 + 0.01 * k, np.eye(3))
@@ -318,4 +318,5 @@ def warm_up() -> None:
     engine.make_room()
     engine.status()
     assert engine.origin is not None
+    solve(rows.stamp_ns, rows.values, engine.origin)
     assert engine.state().size > core.OUT_SIZE

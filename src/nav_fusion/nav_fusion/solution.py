@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from imu_noise_id.compiled import njit
 from numpy.typing import NDArray
 
 from nav_fusion import core
-from nav_fusion.alignment import matrix_of, quaternion_of
-from nav_fusion.earth import ecef_from_geodetic, geodetic_from_ecef, level_axes
+from nav_fusion.earth import ecef_at, fill_axes, geodetic_at
 from nav_fusion.state import NAV
+from nav_fusion.strapdown import rotation_matrix
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 LARGEST_HEADING_VARIANCE = np.pi**2 / 3
 """Of a heading that is not known at all; a Gaussian's cannot be larger on a circle."""
+
+# Columns of the means; rows of J, by which an error (r, v, psi) becomes what is published.
+POSITION, VELOCITY, ORIENTATION, BODY_VELOCITY, ANTENNA, MEANS = 0, 3, 6, 10, 13, 16
+POSE, LEVEL_VELOCITY, TWIST, PLACE, ERRORS = 0, 6, 9, 12, 15
 
 
 @dataclass(frozen=True)
@@ -78,18 +85,123 @@ class Solution:
         return np.sqrt(self.pose_covariance[:, 5, 5])
 
 
-def cross_matrix(a: Floats) -> Floats:
-    """[a x] (..., 3, 3) of vectors (..., 3)."""
-    out = np.zeros((*a.shape[:-1], 3, 3))
-    out[..., 0, 1], out[..., 0, 2] = -a[..., 2], a[..., 1]
-    out[..., 1, 0], out[..., 1, 2] = a[..., 2], -a[..., 0]
-    out[..., 2, 0], out[..., 2, 1] = -a[..., 1], a[..., 0]
-    return out
+class Covariances(NamedTuple):
+    """Of k rows: pose (k, 6, 6), velocity (k, 3, 3), twist (k, 6, 6), antenna (k, 3, 3)."""
+
+    pose: Floats
+    velocity: Floats
+    twist: Floats
+    antenna: Floats
 
 
-def turned(a: Floats, T: Floats) -> Floats:
-    """T a of vectors (k, 3), to the same bits whatever k is: BLAS sums one row in another order."""
-    return a[:, 0:1] * T[:, 0] + a[:, 1:2] * T[:, 1] + a[:, 2:3] * T[:, 2]
+def room_for(k: int) -> Covariances:
+    """Zeros."""
+    return Covariances(*(np.zeros((k, size, size)) for size in (6, 3, 6, 3)))
+
+
+@njit(cache=True)
+def cross_row(a: Floats, b: Floats, out: Floats) -> None:
+    """``out`` = a x b (3,)."""
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True)
+def turned(T: Floats, a: Floats, out: Floats) -> None:
+    """``out`` = T a (3,)."""
+    for i in range(3):
+        out[i] = T[i, 0] * a[0] + T[i, 1] * a[1] + T[i, 2] * a[2]
+
+
+@njit(cache=True)
+def product(p: Floats, q: Floats, out: Floats) -> None:
+    """``out`` = p q as unit quaternions (4,), its first element not negative."""
+    out[0] = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3]
+    out[1] = p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2]
+    out[2] = p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1]
+    out[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0]
+    size = math.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2 + out[3] ** 2)
+    out /= -size if out[0] < 0.0 else size
+
+
+@njit(cache=True)
+def level_quaternion(latitude: float, longitude: float, out: Floats) -> None:
+    """Quaternion of C_ne: back by longitude + 90 deg about z, then 90 deg - latitude about x."""
+    z, x = 0.5 * longitude + math.pi / 4, math.pi / 4 - 0.5 * latitude
+    out[0] = math.cos(x) * math.cos(z)
+    out[1] = -math.sin(x) * math.cos(z)
+    out[2] = -math.sin(x) * math.sin(z)
+    out[3] = -math.cos(x) * math.sin(z)
+
+
+@njit(cache=True)
+def fill_jacobian(T: Floats, C: Floats, v: Floats, axes: Floats, arm: Floats, J: Floats) -> None:
+    """J (ERRORS, NAV) of pose, velocity, body velocity C'v and antenna r + arm, in its axes."""
+    for i in range(3):
+        J[POSE + i, 0:3] = J[POSE + 3 + i, 6:9] = J[LEVEL_VELOCITY + i, 3:6] = T[i]
+        J[TWIST + i, 3:6] = C[:, i]
+        cross_row(C[:, i], v, J[TWIST + i, 6:9])
+        J[PLACE + i, 0:3] = axes[i]
+        cross_row(arm, axes[i], J[PLACE + i, 6:9])
+
+
+@njit(cache=True)
+def spread(J: Floats, P: Floats, JP: Floats, out: Floats) -> None:
+    """``out`` (ERRORS, ERRORS) = J P J', in one order of summing however many rows there are."""
+    for i in range(ERRORS):
+        for j in range(NAV):
+            total = 0.0
+            for k in range(NAV):
+                total += J[i, k] * P[NAV * k + j]
+            JP[i, j] = total
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(NAV):
+                total += JP[i, k] * J[j, k]
+            out[i, j] = out[j, i] = total
+
+
+@njit(cache=True)
+def solve_rows(
+    values: Floats,
+    origin: Floats,
+    lever: Floats,
+    means: Floats,
+    covariances: Covariances,
+) -> None:
+    """Means (k, MEANS) and covariances of rows (k, OUT_SIZE) of the engine.
+
+    ``origin`` (3,): latitude and longitude, rad, and altitude, m.
+    """
+    T, C, axes = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    J, JP, S = np.zeros((ERRORS, NAV)), np.empty((ERRORS, NAV)), np.empty((ERRORS, ERRORS))
+    start, arm, level = np.empty(3), np.empty(3), np.empty(4)
+    latitude, longitude = origin[0], origin[1]
+    ecef_at(latitude, longitude, origin[2], start)
+    fill_axes(math.sin(latitude), math.cos(latitude), math.sin(longitude), math.cos(longitude), T)
+    level_quaternion(latitude, longitude, level)
+    for k in range(values.shape[0]):
+        row, mean = values[k], means[k]
+        r, v = row[0:3], row[3:6]
+        rotation_matrix(row[6:10], C)
+        turned(T, r - start, mean[POSITION : POSITION + 3])
+        turned(T, v, mean[VELOCITY : VELOCITY + 3])
+        product(level, row[6:10], mean[ORIENTATION : ORIENTATION + 4])
+        turned(C.T, v, mean[BODY_VELOCITY : BODY_VELOCITY + 3])
+        turned(C, lever, arm)
+        la, lo, altitude = geodetic_at(r[0] + arm[0], r[1] + arm[1], r[2] + arm[2])
+        mean[ANTENNA], mean[ANTENNA + 1], mean[ANTENNA + 2] = la, lo, altitude
+        fill_axes(math.sin(la), math.cos(la), math.sin(lo), math.cos(lo), axes)
+        fill_jacobian(T, C, v, axes, arm, J)
+        spread(J, row[core.OUT_P : core.OUT_P + NAV * NAV], JP, S)
+        covariances.pose[k] = S[POSE:LEVEL_VELOCITY, POSE:LEVEL_VELOCITY]
+        covariances.pose[k, 5, 5] = min(S[POSE + 5, POSE + 5], LARGEST_HEADING_VARIANCE)
+        covariances.velocity[k] = S[LEVEL_VELOCITY:TWIST, LEVEL_VELOCITY:TWIST]
+        covariances.twist[k, :3, :3] = S[TWIST:PLACE, TWIST:PLACE]
+        covariances.antenna[k] = S[PLACE:ERRORS, PLACE:ERRORS]
+        for i in range(3):
+            covariances.twist[k, 3 + i, 3 + i] = row[core.OUT_BIAS_VARIANCE + i]
 
 
 def solve(
@@ -97,43 +209,28 @@ def solve(
     values: Floats,
     origin: tuple[float, float, float],
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    gyro_sample_variance: Floats | None = None,
 ) -> Solution:
-    """Turn rows (k, OUT_SIZE) into a :class:`Solution` about an origin (deg, deg, m).
-
-    ``gyro_sample_variance`` (3,): of white noise in one sample, for the twist's angular part.
-    """
-    latitude, longitude = np.radians(origin[0]), np.radians(origin[1])
-    T = level_axes(latitude, longitude)
-    r, v = values[:, 0:3], values[:, 3:6]
-    C_eb = matrix_of(values[:, 6:10])
-    P = values[:, core.OUT_P : core.OUT_P + NAV * NAV].reshape(-1, NAV, NAV)
-    position = turned(r - ecef_from_geodetic(latitude, longitude, origin[2]), T)
-    pose = _rotated(P[:, [0, 1, 2, 6, 7, 8]][:, :, [0, 1, 2, 6, 7, 8]], T)
-    pose[:, 5, 5] = np.minimum(pose[:, 5, 5], LARGEST_HEADING_VARIANCE)
-    J = np.concatenate((np.swapaxes(C_eb, 1, 2), np.swapaxes(C_eb, 1, 2) @ cross_matrix(v)), axis=2)
-    twist = np.zeros((len(v), 6, 6))
-    twist[:, :3, :3] = J @ P[:, 3:9, 3:9] @ np.swapaxes(J, 1, 2)
-    noise = np.zeros(3) if gyro_sample_variance is None else gyro_sample_variance
-    for i in range(3):
-        twist[:, 3 + i, 3 + i] = values[:, core.OUT_BIAS_VARIANCE + i] + noise[i]
+    """Turn rows (k, OUT_SIZE) into a :class:`Solution` about an origin (deg, deg, m)."""
+    place = np.array([math.radians(origin[0]), math.radians(origin[1]), origin[2]])
+    means = np.empty((len(values), MEANS))
+    covariances = room_for(len(values))
+    solve_rows(values, place, np.array(lever_arm_m, dtype=float), means, covariances)
+    means[:, ANTENNA : ANTENNA + 2] *= 180.0 / math.pi
     bias = values[:, core.OUT_BIAS : core.OUT_BIAS + 6]
-    bias_sigma = np.sqrt(
-        np.maximum(values[:, core.OUT_BIAS_VARIANCE : core.OUT_BIAS_VARIANCE + 6], 0.0)
-    )
-    antenna, antenna_covariance = _antenna(r, C_eb, P, np.array(lever_arm_m))
+    variance = values[:, core.OUT_BIAS_VARIANCE : core.OUT_BIAS_VARIANCE + 6]
+    bias_sigma = np.sqrt(np.maximum(variance, 0.0))
     return Solution(
         stamp_ns,
-        position,
-        turned(v, T),
-        quaternion_of(T @ C_eb),
-        pose,
-        T @ P[:, 3:6, 3:6] @ T.T,
-        np.einsum("kji,kj->ki", C_eb, v),
+        means[:, POSITION : POSITION + 3],
+        means[:, VELOCITY : VELOCITY + 3],
+        means[:, ORIENTATION : ORIENTATION + 4],
+        covariances.pose,
+        covariances.velocity,
+        means[:, BODY_VELOCITY : BODY_VELOCITY + 3],
         values[:, core.OUT_RATE : core.OUT_RATE + 3],
-        twist,
-        antenna,
-        antenna_covariance,
+        covariances.twist,
+        means[:, ANTENNA : ANTENNA + 3],
+        covariances.antenna,
         values[:, core.OUT_HYPOTHESES].astype(np.int64),
         values[:, core.OUT_STILL] > 0,
         bias[:, :3],
@@ -141,22 +238,3 @@ def solve(
         bias[:, 3:],
         bias_sigma[:, 3:],
     )
-
-
-def _rotated(P: Floats, T: Floats) -> Floats:
-    """Both 3-vectors of P (k, 6, 6) turned by T (3, 3)."""
-    both = np.zeros((6, 6))
-    both[:3, :3] = both[3:, 3:] = T
-    return both @ P @ both.T
-
-
-def _antenna(r: Floats, C_eb: Floats, P: Floats, lever: Floats) -> tuple[Floats, Floats]:
-    """Geodetic antenna (k, 3) and its covariance: dr + psi x (C l), in its own level axes."""
-    arm = C_eb @ lever
-    latitude, longitude, altitude = geodetic_from_ecef(r + arm)
-    axes = level_axes(latitude, longitude)
-    J = np.zeros((len(r), 3, NAV))
-    J[:, :, 0:3] = axes
-    J[:, :, 6:9] = -axes @ cross_matrix(arm)
-    covariance = J @ P @ np.swapaxes(J, 1, 2)
-    return np.stack([np.degrees(latitude), np.degrees(longitude), altitude], axis=1), covariance

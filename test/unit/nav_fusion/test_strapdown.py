@@ -8,7 +8,6 @@ from nav_fusion.discretize import exact
 from nav_fusion.earth import EARTH_RATE_RAD_S
 from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise
 from nav_fusion.noise_terms import PairTerm, SlowTerm
-from nav_fusion.solution import cross_matrix
 from nav_fusion.state import NAV, STRIDE, layout_of
 from scipy.spatial.transform import Rotation
 
@@ -31,6 +30,11 @@ LAYOUT = layout_of(
     NavigationNoise((GYRO,) * 3, (ACCEL,) * 3, (FIX,) * 3, (FIX,) * 3, FIX), False, False
 )
 POSITION = earth.ecef_from_geodetic(0.8, 0.3, 500.0)
+
+
+def cross_matrix(a: np.ndarray) -> np.ndarray:
+    """[a x] (3, 3)."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def continuous(C: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
