@@ -4,10 +4,6 @@ Scales.  A state that is slow and lies under white noise shows only against a pa
 memory.  So past and future are 20 block means each, in blocks of 1, 4, 16, ... samples, and
 the scale whose first correlation stands highest above chance is taken.
 
-Chance.  The lagged products of white noise are independent, so the correlations of its past and
-future are the singular values of a Hankel matrix of independent normals over sqrt(rows); the level
-that the largest exceeds in 1 % of records (all scales together) is simulated once.
-
 Gaps.  Rows that touch an unobserved sample are skipped (beyond ``DATA_ROWS`` rows, where lagged
 covariances replace the QR of the data, lagged products that touch one).  Those covariances are only
 where a refinement by likelihood starts; their relative error, the condition number times 1e-16,
@@ -18,12 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from imu_noise_id.chance import FALSE_ALARM, correlation_by_chance
 from imu_noise_id.recording import Floats, Mask
 from imu_noise_id.series import Series
 from imu_noise_id.spectrum import block_means
@@ -33,7 +29,6 @@ LAGS = (1, 2, 3, 5, 7, 10, 14, 20)
 SCALE = 4
 DATA_ROWS = 1 << 15
 """Rows up to which the data themselves are factored; beyond, their lagged covariances."""
-FALSE_ALARM = 0.01
 SHORTEST = 60
 """Fewest rows of a scale that is searched."""
 _EVERY = 1 << 14
@@ -157,8 +152,8 @@ def _correlate(
     Q, _ = np.linalg.qr(factor[:, past:])
     U, S, _ = np.linalg.svd(Q[:past], full_matrices=False)
     variates = np.sqrt(rows) * linalg.solve_triangular(factor[:past, :past], U)
-    chance = _hankel_quantile(lags, channels, FALSE_ALARM / scales) / np.sqrt(rows)
-    return Correlations(np.minimum(S, 1.0), variates, factor, rows, lags, block, float(chance))
+    chance = correlation_by_chance(lags, channels, rows, FALSE_ALARM / scales)
+    return Correlations(np.minimum(S, 1.0), variates, factor, rows, lags, block, chance)
 
 
 def _factor(values: Floats, observed: Mask, lags: int) -> tuple[Floats, int]:
@@ -207,22 +202,3 @@ def _covariance_factor(values: Floats, observed: Mask, lags: int, rows: int) -> 
         except np.linalg.LinAlgError:
             ridge = max(10.0 * ridge, 1e-14 * float(np.trace(flat)))
     raise ValueError("lagged covariances are not positive")
-
-
-def _hankel_quantile(lags: int, channels: int, tail: float) -> float:
-    """Level that sqrt(rows) times the first correlation of white noise exceeds with chance tail."""
-    centre, beta = _hankel_gumbel(lags, channels)
-    return float(centre - beta * np.log(-np.log1p(-tail)))
-
-
-@lru_cache(maxsize=64)
-def _hankel_gumbel(lags: int, channels: int) -> tuple[float, float]:
-    """Location and scale of that correlation's upper tail, from draws with a fixed seed."""
-    rng = np.random.default_rng(20_26)
-    draws = 2000 // channels**2
-    lag = np.add.outer(np.arange(lags), np.arange(lags))
-    products = rng.standard_normal((draws, 2 * lags - 1, channels, channels))
-    hankel = products[:, lag].transpose(0, 1, 3, 2, 4).reshape(draws, lags * channels, -1)
-    largest = np.sqrt(np.linalg.eigvalsh(hankel @ hankel.transpose(0, 2, 1))[:, -1])
-    beta = float(np.std(largest)) * np.sqrt(6.0) / np.pi
-    return float(np.mean(largest)) - np.euler_gamma * beta, beta

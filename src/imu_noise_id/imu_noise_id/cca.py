@@ -5,11 +5,12 @@ canonical vectors of lagged input and lagged output, found by QR and SVD without
 covariance.  ``past_future`` needs the output only (Akaike 1975; Larimore 1990): the canonical
 variates of its past (``canonical_variates``) are the states of an innovations model, refined by
 exact likelihood (``innovations``).  States are added one (or a complex pair) at a time: the
-innovations of the model so far are searched again, and the new state stays if Schwarz's criterion
-says so (``state_growth``).  ``joint_cca`` does the same for the three axes of a sensor.
+innovations of the model so far are searched again, and the new state stays if it gains more
+likelihood than white noise gives away by chance (``state_growth``).  ``joint_cca`` does the same
+for the three axes of a sensor.
 
-A first correlation below the level of chance is not ``significant`` and the model then has no
-state.
+``significant`` says that the first correlation exceeds the level of chance.  The order does not
+wait for it: the likelihood shows weak slow states that the correlations do not.
 
 Normalisation, as the thesis prints it: the input has unit variance and the numerator unit norm.
 
@@ -27,7 +28,6 @@ from scipy import linalg
 
 from imu_noise_id import innovations, transfer_function
 from imu_noise_id.canonical_variates import (
-    FALSE_ALARM,
     SHORTEST,
     Correlations,
     centred,
@@ -35,10 +35,11 @@ from imu_noise_id.canonical_variates import (
     triangle,
     whole_rows,
 )
+from imu_noise_id.chance import FALSE_ALARM
 from imu_noise_id.innovations import Innovations
 from imu_noise_id.recording import Floats, Mask
 from imu_noise_id.series import Series
-from imu_noise_id.state_growth import CLIMB_ROWS, grow, schwarz
+from imu_noise_id.state_growth import CLIMB_ROWS, grow, likelier
 from imu_noise_id.transfer_function import (
     Complexes,
     ContinuousTransfer,
@@ -70,7 +71,7 @@ class Cca:
     ----------
     method : {"past_future", "driven"}
     order : int
-        Number of states; 0 where nothing exceeds chance.
+        Number of states; 0 where none is likelier than chance.
     canonical_correlations : (c,) float64
         Descending.
     chance_level : float
@@ -213,9 +214,9 @@ def past_future(series: Series, order: int | None = None) -> Cca:
     first = search(values, observed)
     model, found, rest = innovations.white(values, observed), first, values
     most = MOST_STATES if order is None else order
-    while model.order < most and (order is not None or found[0].excess > 1.0):
+    while model.order < most:
         grown = grow(values, observed, model, rest, found, most - model.order)
-        if grown is None or (order is None and schwarz(grown) >= schwarz(model)):
+        if grown is None or (order is None and not likelier(grown, model)):
             break
         model = grown
         rest = innovations.residuals(values, observed, model)
@@ -271,8 +272,14 @@ def _described(model: Innovations, first: Correlations, sample_time_s: float) ->
     """Result in the thesis's normalisation: unit input, numerator of unit norm."""
     significant = first.excess > 1.0
     notes = []
-    if not significant:
-        notes.append("past and future are correlated at chance level: the record is white")
+    if model.order == 0:
+        correlated = "above" if significant else "at"
+        notes.append(
+            f"past and future are correlated {correlated} chance level, and no state makes "
+            "the record likelier than white noise does by chance"
+        )
+    elif not significant:
+        notes.append("the likelihood shows a state that correlations do not tell from chance")
     elif first.block > 1:
         notes.append(f"correlations of means of {first.block} samples, where they stand out most")
     norm = float(np.linalg.norm(model.theta))

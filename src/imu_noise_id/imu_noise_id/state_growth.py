@@ -1,7 +1,10 @@
 """One more state for an innovations model: found in its innovations, refined by likelihood.
 
 The new state (or complex pair) comes from the canonical variates of the innovations of the model so
-far, is put in cascade with it, and all is refined by exact likelihood at the full rate.
+far, is put in cascade with it, and all is refined by exact likelihood at the full rate.  It stays
+if it gains more than the best of all states gains on white noise in 99 % of records (``chance``).
+The likelihood decides, not the correlation: the lagged products of 20 block means are a test of
+hundreds of directions, and a weak slow state that the likelihood shows stays below their level.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ import numpy as np
 
 from imu_noise_id import innovations
 from imu_noise_id.canonical_variates import Correlations, StateSpace, regressed
+from imu_noise_id.chance import gain_by_chance
 from imu_noise_id.innovations import Innovations
 from imu_noise_id.recording import Floats, Mask
 from imu_noise_id.series import Series
@@ -29,7 +33,7 @@ def grow(
     found: list[Correlations],
     room: int,
 ) -> Innovations | None:
-    """Put the new state in cascade with the model, refine, return the best by Schwarz."""
+    """Put the new state in cascade with the model, refine, return the best for its states."""
     by_order: dict[int, list[tuple[Floats, Floats]]] = {}
     blocks: dict[int, list[int]] = {}
     for scale in found:
@@ -41,19 +45,24 @@ def grow(
     chosen: list[tuple[Innovations, int]] = []
     for size, same in by_order.items():
         candidates = innovations.evaluate_all(values, observed, same)
-        ranked = sorted(zip(candidates, blocks[size], strict=True), key=lambda c: schwarz(c[0]))
+        ranked = sorted(zip(candidates, blocks[size], strict=True), key=lambda c: c[0].deviance)
         chosen += ranked[: 3 if size == 2 and values.size <= MANY_STARTS else 1]
     refined = [
         _refined(values, observed, start, block)
         for start, block in chosen
         if np.isfinite(start.deviance)
     ]
-    return min(refined, key=schwarz, default=None)
+    return min(refined, key=lambda grown: _charged(grown, model.order), default=None)
 
 
-def schwarz(model: Innovations) -> float:
-    """Deviance with Schwarz's penalty of ln n a parameter."""
-    return model.deviance + 2 * model.order * np.log(max(model.observed, 2))
+def likelier(grown: Innovations, model: Innovations) -> bool:
+    """Whether the states that were added gain more than white noise gives away by chance."""
+    return _charged(grown, model.order) < model.deviance
+
+
+def _charged(grown: Innovations, order: int) -> float:
+    """Deviance of a model with more states than ``order``, and what they gain by chance."""
+    return grown.deviance + gain_by_chance(grown.observed, grown.order - order)
 
 
 def _starts(

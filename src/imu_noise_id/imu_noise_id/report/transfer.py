@@ -43,12 +43,15 @@ def transfer_paragraphs(result: ChannelResult) -> list[str]:
         return []
     largest = float(cca.canonical_correlations[0]) if cca.canonical_correlations.size else 0.0
     level = f"{largest:.3f} against a chance level of {cca.chance_level:.3f}"
-    if not cca.significant:
+    states = f"{cca.order} state{'s' if cca.order > 1 else ''}"
+    if cca.order == 0:
         text = f"Canonical correlation finds no dynamics: past and future correlate by {level}."
+    elif cca.significant:
+        text = f"Canonical correlation of past and future ({level}) finds a model of {states}."
     else:
         text = (
-            f"Canonical correlation of past and future ({level}) finds a model of "
-            f"{cca.order} state{'s' if cca.order > 1 else ''}."
+            f"Past and future correlate by {level}, but the likelihood shows a model of {states} "
+            "beyond chance."
         )
     apart = distance(result)
     if apart is not None:
