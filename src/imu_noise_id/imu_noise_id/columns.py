@@ -64,25 +64,29 @@ class ColumnBuffer:
     frame_ids: set[bytes] = field(default_factory=set)
 
     def __post_init__(self) -> None:
-        self._allocate(max(self.capacity, 1))
+        self.capacity = max(self.capacity, 1)
+        self._arrays = self._room(self.capacity)
 
-    def _allocate(self, capacity: int) -> None:
-        self.capacity = capacity
-        self._stamp_ns = np.empty(capacity, np.int64)
-        self._log_ns = np.empty(capacity, np.int64)
-        self._values = np.empty((len(LAYOUTS[self.type].columns), capacity))
+    def _room(self, capacity: int) -> tuple[Stamps, Stamps, Floats]:
+        values = np.empty((len(LAYOUTS[self.type].columns), capacity))
+        return np.empty(capacity, np.int64), np.empty(capacity, np.int64), values
+
+    def _grow(self, capacity: int) -> None:
+        """Make room; what is there moves over before another thread can see the new arrays."""
+        grown = self._room(capacity)
+        for old, new in zip(self._arrays, grown, strict=True):
+            new[..., : self.size] = old[..., : self.size]
+        self.capacity, self._arrays = capacity, grown
 
     def append(self, decoded: Decoded, log_ns: Stamps) -> None:
         """Add decoded messages and the log time of each message that was given to `decode`."""
         begin, end = self.size, self.size + decoded.stamp_ns.size
         if end > self.capacity:
-            old = self._stamp_ns, self._log_ns, self._values
-            self._allocate(max(end, 2 * self.capacity))
-            self._stamp_ns[:begin], self._log_ns[:begin] = old[0][:begin], old[1][:begin]
-            self._values[:, :begin] = old[2][:, :begin]
-        self._stamp_ns[begin:end] = decoded.stamp_ns
-        self._log_ns[begin:end] = log_ns[decoded.valid]
-        self._values[:, begin:end] = decoded.values
+            self._grow(max(end, 2 * self.capacity))
+        stamps, logs, values = self._arrays
+        stamps[begin:end] = decoded.stamp_ns
+        logs[begin:end] = log_ns[decoded.valid]
+        values[:, begin:end] = decoded.values
         self.size = end
         self.invalid += decoded.valid.size - decoded.stamp_ns.size
         if len(self.frame_ids) < 8:
@@ -90,12 +94,13 @@ class ColumnBuffer:
 
     def columns(self) -> TopicColumns:
         """What has come so far, without copying it."""
+        stamps, logs, values = self._arrays
         return TopicColumns(
             self.topic,
             self.type,
-            self._stamp_ns[: self.size],
-            self._log_ns[: self.size],
-            self._values[:, : self.size],
+            stamps[: self.size],
+            logs[: self.size],
+            values[:, : self.size],
             frozenset(self.frame_ids),
             self.invalid,
         )

@@ -14,7 +14,7 @@ from itertools import islice
 
 import numpy as np
 from imu_noise_id.cdr import Decoded
-from imu_noise_id.columns import TopicColumns
+from imu_noise_id.columns import ColumnBuffer, TopicColumns
 
 from imu_noise_id import cdr
 from nav_fusion.engine import Engine
@@ -25,11 +25,16 @@ FIRST_LOOK_S = 60.0
 
 
 class Beginning:
-    """Batches of decoded messages in the order of arrival, up to a length."""
+    """Batches of decoded messages in the order of arrival, up to a length.
+
+    The samples lie in one array a topic, and a batch is three numbers: objects that are kept by
+    the ten thousand would be looked through by the garbage collector, for 40 ms at a time.
+    """
 
     def __init__(self, longest_s: float = 600.0) -> None:
         self._longest_s = longest_s
-        self._batches: list[tuple[str, str, Decoded, Sequence[int]]] = []
+        self._buffers: list[ColumnBuffer] = []
+        self._batches: list[tuple[int, int, int]] = []
         self._first_ns: int | None = None
         self._span_s = 0.0
         self.look_at_s = FIRST_LOOK_S
@@ -52,13 +57,27 @@ class Beginning:
             if self._first_ns is None:
                 self._first_ns = int(decoded.stamp_ns[0])
             self._span_s = (int(decoded.stamp_ns[-1]) - self._first_ns) * 1e-9
-        self._batches.append((topic, msgtype, decoded, log_ns))
         if not self.kept:
             self.forget()
+            return
+        k = self._buffer_of(topic, msgtype)
+        begin = self._buffers[k].size
+        self._buffers[k].append(decoded, np.asarray(log_ns, dtype=np.int64))
+        self._batches.append((k, begin, self._buffers[k].size))
+
+    def _buffer_of(self, topic: str, msgtype: str) -> int:
+        for k, buffer in enumerate(self._buffers):
+            if (buffer.topic, buffer.type) == (topic, msgtype):
+                return k
+        # room that is not used costs no memory; growing would copy it all while samples wait
+        capacity = round(1000 * self._longest_s) if msgtype == cdr.IMU else 1024
+        self._buffers.append(ColumnBuffer(topic, msgtype, capacity))
+        return len(self._buffers) - 1
 
     def forget(self) -> None:
         """Give the batches up; a replay that is running ends."""
         self._batches.clear()
+        self._buffers = []
 
     def replay(self, engine: Engine, begin: int = 0) -> int:
         """Feed all batches from ``begin`` on to an engine; return the number of the next.
@@ -66,23 +85,14 @@ class Beginning:
         Batches may be added meanwhile by another thread.  The rows that the engine gives have been
         published already.
         """
-        for _, msgtype, decoded, _ in islice(self._batches, begin, None):
-            feed(engine, msgtype, decoded)
+        buffers = self._buffers
+        for k, first, last in islice(self._batches, begin, None):
+            columns = buffers[k].columns()
+            part = slice(first, last)
+            feed(engine, columns.type, columns.stamp_ns[part], columns.values[:, part])
             begin += 1
         return begin
 
     def columns(self) -> list[TopicColumns]:
         """Everything as the topics of a recording."""
-        topics: dict[tuple[str, str], list[tuple[Decoded, Sequence[int]]]] = {}
-        for topic, msgtype, decoded, log_ns in self._batches:
-            topics.setdefault((topic, msgtype), []).append((decoded, log_ns))
-        return [
-            TopicColumns(
-                topic,
-                msgtype,
-                np.concatenate([d.stamp_ns for d, _ in parts]),
-                np.concatenate([np.asarray(log, dtype=np.int64)[d.valid] for d, log in parts]),
-                np.concatenate([d.values for d, _ in parts], axis=1),
-            )
-            for (topic, msgtype), parts in topics.items()
-        ]
+        return [buffer.columns() for buffer in self._buffers]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from imu_noise_id.cdr import LAYOUTS, Decoded
+from imu_noise_id.cdr import LAYOUTS
 from numpy.typing import NDArray
 
 from imu_noise_id import cdr
@@ -14,15 +14,17 @@ from nav_fusion.engine import Engine, Rows
 _CLAIMED = 0
 
 
-def feed(engine: Engine, msgtype: str, decoded: Decoded) -> Rows:
+def feed(
+    engine: Engine, msgtype: str, stamp_ns: NDArray[np.int64], values: NDArray[np.float64]
+) -> Rows:
     """Feed a batch of messages of one topic; return the rows that became due.
 
     Batches must come in the order of arrival; only IMU samples make rows due.
     """
     if msgtype == cdr.IMU:
-        return engine.add_imu(decoded.stamp_ns, *inertial(decoded.values))
-    add = adder(engine, msgtype, decoded.stamp_ns, decoded.values)
-    for k in range(decoded.stamp_ns.size):
+        return engine.add_imu(stamp_ns, *inertial(values))
+    add = adder(engine, msgtype, stamp_ns, values)
+    for k in range(stamp_ns.size):
         add(k)
     return Rows(np.empty(0, np.int64), np.empty((0, 0)))
 

@@ -31,10 +31,12 @@ def fed(d: Drive, beginning: Beginning, engine: Engine, fixes: range | None = No
     for k in fixes or range(d.fix_ns.size):
         part = slice(20 * k, 20 * (k + 1))
         log_ns = d.stamp_ns[part].tolist()
-        beginning.add("/imu/data", cdr.IMU, imu(d, part), log_ns)
-        feed(engine, cdr.IMU, imu(d, part))
-        beginning.add("/gps/fix", cdr.NAV_SAT_FIX, fix(d, k), log_ns[-1:])
-        feed(engine, cdr.NAV_SAT_FIX, fix(d, k))
+        for topic, kind, batch, came in (
+            ("/imu/data", cdr.IMU, imu(d, part), log_ns),
+            ("/gps/fix", cdr.NAV_SAT_FIX, fix(d, k), log_ns[-1:]),
+        ):
+            beginning.add(topic, kind, batch, came)
+            feed(engine, kind, batch.stamp_ns, batch.values)
 
 
 def test_a_replayed_engine_and_the_recording_are_in_the_state_of_the_live_one() -> None:

@@ -28,6 +28,7 @@ from sensor_msgs.msg import NavSatFix
 from nav_fusion.beginning import Beginning
 from nav_fusion.engine import Engine, Rows
 from nav_fusion.feeding import feed
+from nav_fusion.fuse import warm_up
 from nav_fusion.noise import NavigationNoise, TurnOn, from_model, mems_defaults
 from nav_fusion.published import (
     FIX_TOPIC,
@@ -239,8 +240,7 @@ class FuseNode(Node):
                 aided = True
                 self._updates = self._streams[kind].receiver.topic
             if rows.stamp_ns.size:
-                self._publish(rows)
-                self._latency.count((time.time_ns() - log_ns[-1]) * 1e-9)
+                self._publish(rows, log_ns[-1])
         if aided:
             self._publish_status()
 
@@ -260,9 +260,11 @@ class FuseNode(Node):
 
     def _feed(self, kind: str, decoded: Decoded) -> Rows:
         assert self._engine is not None
-        return feed(self._engine, self._streams[kind].receiver.type, decoded)
+        kind_of_message = self._streams[kind].receiver.type
+        return feed(self._engine, kind_of_message, decoded.stamp_ns, decoded.values)
 
-    def _publish(self, rows: Rows) -> None:
+    def _publish(self, rows: Rows, received_ns: int) -> None:
+        """Publish, the odometry first: it is what a controller waits for."""
         assert self._engine is not None
         origin = self._engine.origin
         if origin is None:
@@ -271,6 +273,7 @@ class FuseNode(Node):
         world, body = self._values["world_frame"], self._values["body_frame"]
         for row in odometry_messages(solution, world, body):
             self._odometry.publish(row.tobytes())
+        self._latency.count((time.time_ns() - received_ns) * 1e-9)
         for row in fix_messages(solution, body):
             self._fixes.publish(row.tobytes())
         self._send_transforms(solution)
@@ -343,4 +346,5 @@ class FuseNode(Node):
 
 def run_node(argv: Sequence[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit status."""
+    warm_up()  # kernels are loaded before samples come, not while they wait
     return spin_node(FuseNode, argv, "fuse", SETTINGS)

@@ -1,4 +1,4 @@
-"""How long a sample waits, from its reception to the output that holds it."""
+"""How long a sample waits, from its reception to the odometry that holds it."""
 
 from __future__ import annotations
 
