@@ -11,18 +11,13 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from nav_fusion import core, observe
+from nav_fusion.doubt import FEWEST_FIXES, doubts_of, sentences
 from nav_fusion.state import ALIVE, NAV, SLOW, STRIDE
 
 if TYPE_CHECKING:
     from nav_fusion.engine import Engine, Status
 
 Floats = NDArray[np.float64]
-
-FEWEST_FIXES = 30
-"""Fewer say nothing about the covariance."""
-
-MATERIAL = 0.05
-"""A sigma that is wrong by less changes nobody's decision."""
 
 MANY_GATED = 0.1
 """A true model's gate keeps one fix in 10^4 out; a tenth is no matter of single bad fixes."""
@@ -123,6 +118,7 @@ def status_of(engine: Engine) -> Status:
     limit = whiteness_limit(observe.LAGS)
     total = {slot: int(past[slot] + s[slot]) for slot in observe.TOTALS}
     alive = 0 if running is None else int((running.bank[:, ALIVE] > 0).sum())
+    doubts = sentences(engine, doubts_of(engine))
     known = s[observe.ALIGNED_S] if s[observe.ALIGNED_S] > 0 else None
     bias = tuple(map(float, row[core.OUT_BIAS : core.OUT_BIAS + 6]))
     sigma = tuple(
@@ -164,7 +160,8 @@ def status_of(engine: Engine) -> Status:
         accel_bias=bias[3:],
         gyro_bias_sigma=sigma[:3],
         accel_bias_sigma=sigma[3:],
-        notes=_all_notes(engine, total, s),
+        notes=_all_notes(engine, total, doubts),
+        doubts=doubts,
         fault=engine.fault,
     )
 
@@ -185,7 +182,7 @@ def _newest_row(running: core.Core | None) -> Floats:
     return row
 
 
-def _all_notes(engine: Engine, total: dict[int, int], s: Floats) -> tuple[str, ...]:
+def _all_notes(engine: Engine, total: dict[int, int], doubts: tuple[str, ...]) -> tuple[str, ...]:
     """Return the engine's notes and what the counters say."""
     notes = list(engine.notes)
     if total[observe.REPEATED]:
@@ -221,38 +218,4 @@ def _all_notes(engine: Engine, total: dict[int, int], s: Floats) -> tuple[str, .
             f"the covariance is not to be trusted: {gated} of {gated + used} fixes were kept out "
             "by the gate, more than bad fixes explain"
         )
-    return (*notes, *_verdict(engine, s))
-
-
-def _verdict(engine: Engine, s: Floats) -> tuple[str, ...]:
-    """Say in a sentence where the fixes contradict the covariance: mean NIS outside 99.9 %.
-
-    And by enough to matter: of thousands of fixes a sigma wrong by 2 % is outside too.
-    """
-    fixes = int(s[observe.DOF_SUM]) // 3
-    if fixes < FEWEST_FIXES:
-        return ()
-    mean = float(s[observe.NIS_SUM]) / fixes
-    low, high = mean_band(3, fixes, 0.999)
-    factor = math.sqrt(mean / 3.0)
-    if abs(factor - 1.0) < MATERIAL:
-        return ()
-    assumed = (
-        "the covariance that the receiver claims, or that is assumed where it claims none,"
-        if engine.noise.position_claimed
-        else "the model's noise of the fixes"
-    )
-    if mean > high:
-        return (
-            f"the covariance is not to be trusted: the fixes differ from what it expects by "
-            f"{factor:.1f} times its sigma (NIS {mean:.2f}, expected {low:.2f} to {high:.2f}); "
-            f"{assumed} may be too small, the receiver's noise coloured, the IMU noisier than its "
-            "model, or gnss_delay_s and lever_arm_m not those of the platform",
-        )
-    if mean < low:
-        return (
-            f"the covariance is too careful: the fixes differ from what it expects by {factor:.2f} "
-            f"of its sigma (NIS {mean:.2f}, expected {low:.2f} to {high:.2f}); {assumed} is too "
-            "large: identify the receiver at rest (10 minutes or more) and give the model",
-        )
-    return ()
+    return (*notes, *doubts)

@@ -34,6 +34,7 @@ from nav_fusion.observe import (
     correct_by_velocity,
     fixes_contradict,
     forget_rest,
+    is_slow,
     may_rest,
     update_views,
 )
@@ -88,7 +89,10 @@ REACH = IMU_RING - MOST_SAMPLES - 8
 BLOCK_START, BLOCK_COUNT, BLOCK_SUMS = 0, 1, 2
 QUIET_BLOCKS, GAPS, GAP_S, FAST_BLOCKS, STILL = 10, 11, 12, 13, 14
 SHAKE, SHAKE_BLOCKS, DENIED, RESTING, LAST_FORCE = 15, 16, 17, 18, 19
-SHARED = 22
+BLOCK_STEPS, SLOW_BLOCKS, QUIET_STEPS, LOUD_STEPS = 22, 24, 25, 28
+"""Squared first differences (gyro, accelerometer), all axes summed: of the block that runs; and how
+many, with their sums, in blocks of rest and in blocks that only the fixes show to be at rest."""
+SHARED = 31
 
 MOST_SHAKE_BLOCKS = 40.0
 CHANGE_LIMIT = 14.0
@@ -293,7 +297,7 @@ def coast(core: Core, first: int, last: int) -> None:
             if s[ELAPSED] + 0.5 * dt >= COVARIANCE_STEP_S:
                 settle(core, s)
     for sample in range(first, last):
-        add_to_block(core.shared, core.imu[sample % IMU_RING])
+        add_to_block(core.shared, core.imu[(sample - 1) % IMU_RING], core.imu[sample % IMU_RING])
     core.cursor[SAMPLES] = last
 
 
@@ -477,8 +481,8 @@ def correct(core: Core, index: int, sample: int) -> None:
 
 
 @njit(cache=True)
-def add_to_block(d: Floats, reading: Floats) -> None:
-    """Sum a sample into the block that is watched for rest."""
+def add_to_block(d: Floats, before: Floats, reading: Floats) -> None:
+    """Sum a sample, and its difference from the one before, into the block watched for rest."""
     d[BLOCK_COUNT] += 1.0
     for i in range(3):
         w, f = reading[i], reading[3 + i]
@@ -486,12 +490,15 @@ def add_to_block(d: Floats, reading: Floats) -> None:
         d[BLOCK_SUMS + 3 + i] += f
         d[BLOCK_SUMS + 6] += w * w
         d[BLOCK_SUMS + 7] += f * f
+        d[BLOCK_STEPS] += (w - before[i]) ** 2
+        d[BLOCK_STEPS + 1] += (f - before[3 + i]) ** 2
 
 
 @njit(cache=True)
 def begin_block(core: Core, time_ns: int) -> None:
     """Begin to watch a new block after a sample's time."""
     core.shared[BLOCK_START : BLOCK_SUMS + 8] = 0.0
+    core.shared[BLOCK_STEPS : BLOCK_STEPS + 2] = 0.0
     core.shared[BLOCK_START] = float(time_ns - core.cursor[START])
 
 
@@ -523,6 +530,7 @@ def close_block(core: Core, time_ns: int) -> None:
     quiet = quiet and change2 < CHANGE_LIMIT * white / length_s + k[QUIET + 6]
     if rate2 > k[QUIET + 4] ** 2:
         d[FAST_BLOCKS] += 1.0
+    note_steps(core, quiet)
     begin_block(core, time_ns)
     if quiet:
         d[QUIET_BLOCKS] += 1.0
@@ -534,6 +542,28 @@ def close_block(core: Core, time_ns: int) -> None:
     d[STILL] = 1.0 if d[QUIET_BLOCKS] >= k[QUIET + 3] else 0.0
     if d[STILL] == 1.0 and k[STILL_USE] != 0.0:
         rest(core, mean, length_s, n)
+
+
+@njit(cache=True)
+def note_steps(core: Core, quiet: bool) -> None:
+    """Keep the block's first differences where the platform rests: the IMU's noise is seen there.
+
+    A platform that the fixes show to rest while its sensors are not quiet is kept apart: it may
+    shake, or the IMU may be noisier than its model lets rest be told.
+    """
+    d, k = core.shared, core.constants
+    best = core.bank[heaviest(core)]
+    slow = is_slow(best, core.target.size, k[STILL_USE - 1])
+    d[SLOW_BLOCKS] = d[SLOW_BLOCKS] + 1.0 if slow else 0.0
+    if quiet and d[QUIET_BLOCKS] + 1.0 >= k[QUIET + 3]:
+        steps = d[QUIET_STEPS : QUIET_STEPS + 3]
+    elif d[SLOW_BLOCKS] >= k[QUIET + 3]:
+        steps = d[LOUD_STEPS : LOUD_STEPS + 3]
+    else:
+        return
+    steps[0] += d[BLOCK_COUNT]
+    steps[1] += d[BLOCK_STEPS]
+    steps[2] += d[BLOCK_STEPS + 1]
 
 
 @njit(cache=True)
@@ -634,7 +664,7 @@ def advance(core: Core, sample: int) -> bool:
         core.shared[QUIET_BLOCKS] = 0.0
         begin_block(core, end)
     else:
-        add_to_block(core.shared, core.imu[sample % IMU_RING])
+        add_to_block(core.shared, core.imu[(sample - 1) % IMU_RING], core.imu[sample % IMU_RING])
         if end >= block_due(core):
             close_block(core, end)
     due = end >= c[PUBLISH_DUE]

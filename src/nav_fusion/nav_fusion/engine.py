@@ -37,6 +37,7 @@ from scipy.special import chdtri
 from nav_fusion import core, observe
 from nav_fusion.alignment import rotation_of
 from nav_fusion.earth import geodetic_from_ecef
+from nav_fusion.evidence import Steps, steps_of
 from nav_fusion.noise import NavigationNoise
 from nav_fusion.parameters import DEFAULTS, Parameters
 from nav_fusion.starting import AHEAD_S, Measurement, Start, Waiting, quiet_limits
@@ -115,6 +116,8 @@ class Status:
     still : bool
     gyro_bias, accel_bias, gyro_bias_sigma, accel_bias_sigma : tuple of float
     notes : tuple of str
+    doubts : tuple of str
+        Those of the notes by which a test speaks against the noise model (``nav_fusion.doubt``).
     fault : str or None
     """
 
@@ -154,6 +157,7 @@ class Status:
     gyro_bias_sigma: tuple[float, ...]
     accel_bias_sigma: tuple[float, ...]
     notes: tuple[str, ...]
+    doubts: tuple[str, ...]
     fault: str | None
 
 
@@ -168,6 +172,7 @@ class Engine:
         self.fault: str | None = None
         self._notes: dict[str, None] = dict.fromkeys(noise.notes)
         self._past = np.zeros(SLOW)
+        self._steps: tuple[Steps, Steps] | None = None
         self._white = np.array(
             [[a.white_sigma for a in axes] for axes in (noise.position, noise.velocity)]
         )
@@ -325,6 +330,13 @@ class Engine:
             return np.zeros(0, dtype=np.int64), np.zeros((0, observe.RESULT_SIZE))
         return np.concatenate([a for a, _ in kept]), np.concatenate([b for _, b in kept])
 
+    def steps(self) -> tuple[Steps, Steps]:
+        """Return what the model says of the first differences of gyro and accelerometer at rest."""
+        if self._steps is None:
+            rate_hz = self._rate_hz
+            self._steps = steps_of(self.noise.gyro, rate_hz), steps_of(self.noise.accel, rate_hz)
+        return self._steps
+
     def status(self) -> Status:
         """Return counts, consistency, biases and notes as they are now."""
         from nav_fusion.consistency import status_of
@@ -340,6 +352,8 @@ class Engine:
 
     def _restart(self) -> None:
         self._core: core.Core | None = None
+        self._rate_hz = math.nan
+        self._steps = None
         self._last_ns: int | None = None
         self._waiting = Waiting(self.noise, self.parameters, self.layout)
         self._out_ns: Stamps = np.zeros(0, dtype=np.int64)
@@ -476,6 +490,7 @@ class Engine:
         if start.skipped:
             self._reject("fixes before the filter could be levelled", start.skipped)
         self._core = self._new_core(start)
+        self._rate_hz = 1.0 / start.period_s
         core.begin(self._core, int(start.stamp_ns[0]), start.rate[0], start.force[0])
         for measurement in start.measurements:
             core.insert(self._core, measurement.time_ns, measurement.kind, measurement.z)

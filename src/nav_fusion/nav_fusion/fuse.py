@@ -276,6 +276,7 @@ def fuse_tree(result: FuseResult) -> dict[str, Any]:
         "gyro_bias_rad_s": {"value": s.gyro_bias, "sigma": s.gyro_bias_sigma},
         "accel_bias_m_s2": {"value": s.accel_bias, "sigma": s.accel_bias_sigma},
         "model": result.engine.noise.source,
+        "doubts": list(s.doubts),
         "notes": list(result.notes),
     }
 

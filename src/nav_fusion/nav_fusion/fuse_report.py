@@ -56,7 +56,8 @@ def verdict(result: FuseResult) -> str:
         f"{math.degrees(sigma[5]):.2g}\u00b0, from {status.used} fixes."
     ]
     if status.nis_mean is None or status.nis_lower is None or status.nis_upper is None:
-        return f"{said[0]} Too few fixes to say whether the covariance is true."
+        said.append("Too few fixes to say whether the covariance is true.")
+        return " ".join([*said, *_as_sentences(status.doubts)])
     band = f"{status.nis_lower:.2f} to {status.nis_upper:.2f}"
     mean = f"the fixes' mean normalised square is {status.nis_mean:.2f}, a true one's {band}"
     if status.nis_mean > status.nis_upper:
@@ -71,7 +72,11 @@ def verdict(result: FuseResult) -> str:
             if status.white
             else "The innovations are not white: something in them could have been predicted."
         )
-    return " ".join(said)
+    return " ".join([*said, *_as_sentences(status.doubts)])
+
+
+def _as_sentences(notes: Sequence[str]) -> list[str]:
+    return [f"{note[0].upper()}{note[1:]}." for note in notes]
 
 
 def _seconds(result: FuseResult) -> Floats:

@@ -26,10 +26,14 @@ ROUGH_NATS = 0.01
 
 @dataclass(frozen=True)
 class AxisNoise:
-    """An inertial axis: white noise of ``white_density`` (unit/sqrt(Hz)) plus slow terms."""
+    """An inertial axis: white noise of ``white_density`` (unit/sqrt(Hz)) plus slow terms.
+
+    ``channel`` is the whole model behind, where there is one: it tells what single samples do.
+    """
 
     white_density: float
     terms: tuple[SlowTerm, ...] = ()
+    channel: ChannelModel | None = None
 
 
 @dataclass(frozen=True)
@@ -247,7 +251,7 @@ def _axis(model: NoiseModel, name: str, turn_on: float, notes: list[str]) -> Axi
     for fitted in channel.effects:
         if fitted.name not in (*SLOW_NAMES, "white_noise"):
             notes.append(f"{fitted.name} is no state of the filter; its cost is in the budget")
-    return AxisNoise(white_density(channel), _with_turn_on(slow_terms(channel), turn_on))
+    return AxisNoise(white_density(channel), _with_turn_on(slow_terms(channel), turn_on), channel)
 
 
 def _aid(model: NoiseModel, name: str, rate_hz: float, notes: list[str]) -> AidNoise | None:

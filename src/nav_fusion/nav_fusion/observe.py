@@ -21,6 +21,7 @@ from nav_fusion.state import (
     NAV,
     POSITION,
     SLOW,
+    SPANS,
     STRIDE,
     VELOCITY,
     Q,
@@ -61,6 +62,11 @@ TOTALS = (
 
 LAGS = 5
 """Lags at which the innovations' autocorrelation is kept."""
+
+SPAN_FIXES = (10, 30, 100, 300)
+"""Lengths of the blocks of fixes over which whitened innovations are summed; from ``SPANS`` on each
+has the sum (3) of the block that runs and the sum of the squares, over the length, of those past:
+what is wrong by little and slowly, like an IMU noisier than its model, shows in sums alone."""
 
 REAL_FIX_M = 100.0
 """With a prior wider than this the first fix tests nothing, and is not counted in the NIS."""
@@ -390,6 +396,20 @@ def note_innovation(s: Floats, nis: float, u: Update) -> None:
     for a in range(3):
         s[WHITE_PAST + a] = u.white[a]
     s[WHITE_COUNT] += 1.0
+    add_to_spans(s, u)
+
+
+@njit(cache=True)
+def add_to_spans(s: Floats, u: Update) -> None:
+    """Sum the whitened innovation into the block of each length, and end those that are full."""
+    for i, length in enumerate(SPAN_FIXES):
+        block = s[SPANS + 4 * i : SPANS + 4 * i + 4]
+        for a in range(3):
+            block[a] += u.white[a]
+        if int(s[WHITE_COUNT]) % length == 0:
+            for a in range(3):
+                block[3] += block[a] * block[a] / length
+                block[a] = 0.0
 
 
 @njit(cache=True)
@@ -582,15 +602,21 @@ def prepare_stop(s: Floats, m: int, variance: float, u: Update) -> float:
 
 
 @njit(cache=True)
+def is_slow(s: Floats, m: int, highest: float) -> bool:
+    """Whether a hypothesis knows its speed to be below one, m/s, at two sigmas."""
+    P = s[SLOW + m :]
+    speed2 = s[V] ** 2 + s[V + 1] ** 2 + s[V + 2] ** 2
+    widest = max(P[3 * (STRIDE + 1)], P[4 * (STRIDE + 1)], P[5 * (STRIDE + 1)])
+    return math.sqrt(speed2) + 2.0 * math.sqrt(max(widest, 0.0)) <= highest
+
+
+@njit(cache=True)
 def may_rest(s: Floats, m: int, variance: float, sensing: Sensing, u: Update) -> bool:
     """Whether what a hypothesis knows of its velocity is rest: near enough 0, and no contradiction.
 
     Quiet sensors alone do not tell rest from an even drive.
     """
-    P = s[SLOW + m :]
-    speed2 = s[V] ** 2 + s[V + 1] ** 2 + s[V + 2] ** 2
-    widest = max(P[3 * (STRIDE + 1)], P[4 * (STRIDE + 1)], P[5 * (STRIDE + 1)])
-    if math.sqrt(speed2) + 2.0 * math.sqrt(widest) > sensing.still[2]:
+    if not is_slow(s, m, sensing.still[2]):
         return False
     prepare_stop(s, m, variance, u)
     return whiten(3, u) <= sensing.gate[3]

@@ -309,8 +309,6 @@ class FuseNode(Node):
             return status(DiagnosticStatus.STALE, name, "waiting for samples and a noise model", {})
         found = self._engine.status()
         said = [found.fault or "", *found.notes]
-        if found.white is False:
-            said.append("the innovations are not white: the noise model is not that of the sensors")
         numbers = {
             "model": self._engine.noise.source,
             "running": self._engine.running,
@@ -322,7 +320,7 @@ class FuseNode(Node):
             "standing_still": found.still,
             **self._latency.numbers(),
         }
-        bad = bool(found.fault) or found.white is False
+        bad = bool(found.fault or found.doubts)
         level = DiagnosticStatus.WARN if bad else DiagnosticStatus.OK
         return status(level, name, "; ".join(filter(None, said)) or "as it should be", numbers)
 
