@@ -24,7 +24,7 @@ from imu_noise_id.selection import SLOW, SMOOTH, select
 from imu_noise_id.series import Series
 from imu_noise_id.whittle import Fit, spectrum_of
 
-SMOOTH_DRAWS = 2
+LEAST_DRAWS, MOST_DRAWS = 2, 12
 SKIRT = 0.15
 NARROW_HZ = 1.0
 LONGEST_WHITE = 2**20
@@ -141,11 +141,11 @@ def _analyse_mended(
     observed = contamination.observed[:size]
     values = series.values[:size]
     heat = None if temperature is None else temperature[:size]
-    known = (series.start_s, heat, float(observed.mean()))
+    known = (series.start_s, heat, _unseen(observed))
     if observed.all():
         return _analyse(values, dt, contamination.floor, *known)
     filled = roughly_filled(values, observed, rng)
-    for _ in range(SMOOTH_DRAWS):
+    for _ in range(_draws(observed)):
         grid = ordinates(cosine_coefficients(filled), dt)
         smooth = select(without_peaks(grid), contamination.floor, (), SMOOTH)
         filled = _redrawn(values, observed, filled, smooth, 0.0, rng)
@@ -153,6 +153,22 @@ def _analyse_mended(
     course = analysis.deterministic(size, dt)
     filled = _redrawn(values, observed, filled, analysis.explained.fit, course, rng)
     return _analyse(filled, dt, contamination.floor, *known)
+
+
+def _unseen(observed: Mask) -> float:
+    """Share of neighbouring samples of which one or both are missing."""
+    return 1.0 - float(np.mean(observed[1:] & observed[:-1]))
+
+
+def _draws(observed: Mask) -> int:
+    """How often the missing samples are drawn anew: till what was filled first is forgotten.
+
+    A drawn sample repeats what the fit before said of it, so that with an unseen share g an error e
+    of the first fill's spectrum is g^k e after k draws; n samples show one of about 2/sqrt(n).
+    """
+    unseen = float(np.clip(_unseen(observed), 1e-6, 0.99))
+    needed = np.ceil(np.log(2.0 / np.sqrt(observed.size)) / np.log(unseen))
+    return int(np.clip(needed, LEAST_DRAWS, MOST_DRAWS))
 
 
 def _redrawn(
@@ -179,28 +195,28 @@ def _analyse(
     floor: float,
     start_s: float,
     temperature: Floats | None,
-    share: float,
+    unseen: float,
 ) -> Analysis:
-    """Take a complete record apart; ``share`` of its samples were seen."""
+    """Take a complete record apart; a share of its samples ``unseen`` was drawn."""
     coefficients = cosine_coefficients(values)
     grid = ordinates(coefficients, sample_time_s)
     base = select(without_peaks(grid), floor, (), SMOOTH)
     lines, wide = find_lines(coefficients, grid, level_without_lines(grid, base.spectrum.psd))
     clear = tuple(line for line in lines if _apart(line, wide))
     grid, rest = _without_lines(values, sample_time_s, clear, wide)
-    fitted = select(_spent(grid, clear, share), floor, base.effects)
+    fitted = select(_spent(grid, clear, unseen), floor, base.effects)
     if wide:
         level = level_without_lines(grid, fitted.spectrum.psd)
         more, _ = find_lines(rest, grid, level)
         if more:
             clear = (*clear, *more)
             grid, rest = _without_lines(values, sample_time_s, clear, wide)
-            fitted = select(_spent(grid, clear, share), floor, fitted.effects)
+            fitted = select(_spent(grid, clear, unseen), floor, fitted.effects)
     peaks = _narrow_peaks(fitted)
     if peaks:
         wide = (*wide, *peaks)
         grid = ordinates(rest, sample_time_s, wide)
-        fitted = select(_spent(grid, clear, share), floor, fitted.effects)
+        fitted = select(_spent(grid, clear, unseen), floor, fitted.effects)
     return Analysis(clear, explain(rest, fitted, start_s, temperature, wide))
 
 
@@ -229,14 +245,19 @@ def _without_lines(
     return ordinates(coefficients, sample_time_s, wide), coefficients
 
 
-def _spent(grid: Ordinates, lines: tuple[Line, ...], share: float) -> Ordinates:
-    """Degrees of freedom less what lines took, and in proportion to the samples seen."""
+def _spent(grid: Ordinates, lines: tuple[Line, ...], unseen: float) -> Ordinates:
+    """Degrees of freedom less what lines took and what missing samples cost.
+
+    With an unseen share g the seen samples have 1 - g of the information, and the drawn ones
+    scatter about the draw before: a variance is (1 + g/(1 + g))/(1 - g) of a whole record's.
+    """
+    worth = (1.0 - unseen**2) / (1.0 + 2.0 * unseen)
     dof = grid.dof.copy()
     for line in lines:
         nearest = int(np.argmin(np.abs(grid.frequency_hz - line.frequency_hz)))
         dof[nearest] = max(dof[nearest] - line.dof, 0.1 * dof[nearest])
     power = grid.power * (grid.dof / dof)
-    return dataclasses.replace(grid, dof=share * dof, power=power)
+    return dataclasses.replace(grid, dof=worth * dof, power=power)
 
 
 def _line_effect(line: Line, duration_s: float, unit: str) -> FittedEffect:
