@@ -92,7 +92,13 @@ SHAKE, SHAKE_BLOCKS, DENIED, RESTING, LAST_FORCE = 15, 16, 17, 18, 19
 BLOCK_STEPS, SLOW_BLOCKS, QUIET_STEPS, LOUD_STEPS = 22, 24, 25, 28
 """Squared first differences (gyro, accelerometer), all axes summed: of the block that runs; and how
 many, with their sums, in blocks of rest and in blocks that only the fixes show to be at rest."""
-SHARED = 31
+DENIED_AT = 31
+"""Where the platform was (ECEF, 3) when it began to be watched for rest again."""
+SHARED = 34
+
+SETTLING_BLOCKS, WATCHED_BLOCKS = 120.0, 480.0
+"""Quiet blocks (30 s and 2 minutes) after which rest that was contradicted is watched for again,
+and so long it must hold."""
 
 MOST_SHAKE_BLOCKS = 40.0
 CHANGE_LIMIT = 14.0
@@ -592,14 +598,16 @@ def rest(core: Core, mean: Floats, length_s: float, samples: float) -> None:
     slow, sensing, update = slow_of(core), sensing_of(core), update_of(core)
     settle_all(core)
     best = core.bank[heaviest(core)]
-    if d[DENIED] == 0.0 and d[RESTING] == 1.0 and fixes_contradict(best, slow):
+    if d[DENIED] > 0.0:
+        watch_denied(core, best)
+    elif d[RESTING] == 1.0 and fixes_contradict(best, slow):
         d[DENIED] = 1.0
         scale = core.z[max(core.cursor[NEXT] - 1, 0), 15:18]
         for h in range(core.bank.shape[0]):
-            forget_rest(core.bank[h], slow, scale, sensing.still[2])
+            forget_rest(core.bank[h], slow, scale, sensing.still[2], update)
     variance = shake_variance(core, samples)
     d[RESTING] = 0.0
-    if d[DENIED] == 1.0 or not may_rest(best, m, variance, sensing, update):
+    if d[DENIED] > 0.0 or not may_rest(best, m, variance, sensing, update):
         return
     d[RESTING] = 1.0
     gyro_psd = core.constants[GYRO_PSD : GYRO_PSD + 3]
@@ -609,6 +617,26 @@ def rest(core: Core, mean: Floats, length_s: float, samples: float) -> None:
             correct_by_rates(s, slow, mean, gyro_psd, length_s, sensing, update)
             correct_by_stop(s, slow, variance, sensing, update)
             refresh_bias(s, slow)
+
+
+@njit(cache=True)
+def watch_denied(core: Core, best: Floats) -> None:
+    """Believe in rest again when a contradicted platform has not moved for ``WATCHED_BLOCKS``.
+
+    A chance contradicts rest now and then, and an even drive moves away meanwhile: by 3 sigma of
+    the difference of two positions, which is less than 4 cm/s for fixes that are 1 m off.
+    """
+    d, P = core.shared, best[SLOW + core.target.size :]
+    d[DENIED] += 1.0
+    if d[DENIED] == SETTLING_BLOCKS:
+        d[DENIED_AT : DENIED_AT + 3] = best[R : R + 3]
+    if d[DENIED] < SETTLING_BLOCKS + WATCHED_BLOCKS:
+        return
+    moved2, widest = 0.0, 0.0
+    for i in range(3):
+        moved2 += (best[R + i] - d[DENIED_AT + i]) ** 2
+        widest = max(widest, P[i * (STRIDE + 1)])
+    d[DENIED] = 0.0 if moved2 < 9.0 * 2.0 * widest else SETTLING_BLOCKS - 1.0
 
 
 @njit(cache=True)

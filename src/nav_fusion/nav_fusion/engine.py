@@ -232,6 +232,9 @@ class Engine:
         if status <= NO_FIX:
             self._reject(f"receiver says that it has no fix (status {status})")
             return
+        if math.isnan(altitude_m) and all(map(math.isfinite, where[:2])):
+            self._reject("fixes without an altitude (NaN)")
+            return
         if not all(map(math.isfinite, where)) or abs(latitude_deg) > 90 or abs(longitude_deg) > 360:
             self._reject("fix that is not a place on Earth (NaN or out of range)")
             return

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from nav_fusion.earth import EARTH_RATE_RAD_S, ecef_at, gravity_at, level_axes_at
 from nav_fusion.state import (
+    DRIFTS,
     HEADING,
     LOG_WEIGHT,
     NAV,
@@ -42,8 +43,16 @@ RESULT = 59
 """Newest fix: innovation (3), its sigma (3), NIS, what became of it (``TAKEN`` and so on)."""
 LAG_ONE, SQUARES, DRIFT = 67, 70, 73
 """Of the whitened innovations, each axis: successive products, squares, a running mean."""
-DRIFT_WEIGHT, DRIFT_LIMIT, COLOUR_LIMIT = 0.02, 6.0, 3.5
-"""Of the newest fix in that mean; how many sigma of it, and of the colour, contradict rest."""
+SLOW_DRIFT, VELOCITY_DRIFT = DRIFTS, DRIFTS + 3
+"""The same over five times as many fixes, and of velocities."""
+DRIFT_WEIGHT, SLOW_WEIGHT = 0.02, 0.004
+"""Of the newest in those means."""
+DRIFT_LIMIT, SLOW_LIMIT, COLOUR_LIMIT = 5.5, 5.0, 4.0
+"""How many sigma of them, and of the receiver's colour, contradict rest.
+
+Of 10 fixes a second the means do so by chance less than once in ten days, a colour of 30 s about
+once in two: rest that is contradicted by chance is believed again (``core.watch_denied``).
+"""
 RESULT_SIZE = 8
 TAKEN, KEPT_OUT, SAME_AGAIN = 1.0, 2.0, 3.0
 
@@ -387,6 +396,7 @@ def note_innovation(s: Floats, nis: float, u: Update) -> None:
         s[LAG_ONE + a] += u.white[a] * s[WHITE_PAST + a]
         s[SQUARES + a] += u.white[a] * u.white[a]
         s[DRIFT + a] += DRIFT_WEIGHT * (u.white[a] - s[DRIFT + a])
+        s[SLOW_DRIFT + a] += SLOW_WEIGHT * (u.white[a] - s[SLOW_DRIFT + a])
     for lag in range(LAGS):
         if s[WHITE_COUNT] > lag:
             for a in range(3):
@@ -546,6 +556,8 @@ def correct_by_velocity(
     s[VELOCITY_STREAK] = 0.0
     s[LOG_WEIGHT] -= 0.5 * (min(nis, sensing.gate[3]) + logarithm)
     s[VELOCITY_USED] += 1.0
+    for a in range(3):
+        s[VELOCITY_DRIFT + a] += DRIFT_WEIGHT * (u.white[a] - s[VELOCITY_DRIFT + a])
     apply_correction(s, m, 3, not rests, u)
 
 
@@ -635,31 +647,66 @@ def colour_of(s: Floats, slow: SlowModel, axis: int) -> tuple[float, float]:
 
 @njit(cache=True)
 def fixes_contradict(s: Floats, slow: SlowModel) -> bool:
-    """Whether the fixes move away from a platform that rests.
+    """Whether fixes or velocities move away from a platform that rests.
 
-    Their innovations have had one sign for some seconds, or what they differ by is more than the
-    receiver's colour should be.
+    Their innovations have had one sign for some seconds (or, by less, for half a minute), or what
+    the fixes differ by is more than the receiver's colour should be.
     """
-    sigma = math.sqrt(DRIFT_WEIGHT / (2.0 - DRIFT_WEIGHT))
+    short = DRIFT_LIMIT * math.sqrt(DRIFT_WEIGHT / (2.0 - DRIFT_WEIGHT))
+    long = SLOW_LIMIT * math.sqrt(SLOW_WEIGHT / (2.0 - SLOW_WEIGHT))
     for a in range(3):
         colour, variance = colour_of(s, slow, a)
-        if abs(s[DRIFT + a]) > DRIFT_LIMIT * sigma or colour**2 > COLOUR_LIMIT**2 * variance > 0.0:
+        drifts = abs(s[DRIFT + a]) > short or abs(s[SLOW_DRIFT + a]) > long
+        drifts = drifts or abs(s[VELOCITY_DRIFT + a]) > short
+        if drifts or colour**2 > COLOUR_LIMIT**2 * variance > 0.0:
             return True
     return False
 
 
 @njit(cache=True)
-def forget_rest(s: Floats, slow: SlowModel, scale: Floats, speed: float) -> None:
-    """Widen the velocity that was believed to be 0, and the position by what the fixes differ."""
+def loudest_colour(slow: SlowModel, axis: int) -> int:
+    """Index of the slow state that is most of the fixes' colour along an axis, or -1."""
+    found = -1
+    for k in range(slow.target.size):
+        if slow.target[k] == POSITION + axis and (
+            found < 0 or slow.variance[k] > slow.variance[found]
+        ):
+            found = k
+    return found
+
+
+@njit(cache=True)
+def forget_rest(s: Floats, slow: SlowModel, scale: Floats, speed: float, u: Update) -> None:
+    """Widen what was believed of a platform at rest: its velocity, and how far the fixes were off.
+
+    What the fixes differed by was taken for the receiver's colour, or is in their last innovations:
+    it may be position instead.  The two change places, so that what the fixes say of their sum
+    stays as it was.
+    """
     m = slow.target.size
     P = s[SLOW + m :]
-    away2 = 0.0
+    level_axes_at(s[R : R + 3], u.T)
     for a in range(3):
-        away2 = max(away2, (scale[a] * colour_of(s, slow, a)[0]) ** 2)
+        colour, variance = colour_of(s, slow, a)
+        off2 = (s[DRIFT + a] * s[RESULT + 3 + a]) ** 2
+        k = loudest_colour(slow, a)
+        for i in range(3):
+            for j in range(3):
+                P[i * STRIDE + j] += off2 * u.T[a, i] * u.T[a, j]
+        if k >= 0 and scale[a] > 0.0:
+            swapped2 = max(colour * colour, variance)
+            for i in range(3):
+                cross = swapped2 * scale[a] * u.T[a, i]
+                P[i * STRIDE + NAV + k] -= cross
+                P[(NAV + k) * STRIDE + i] -= cross
+                for j in range(3):
+                    P[i * STRIDE + j] += swapped2 * scale[a] ** 2 * u.T[a, i] * u.T[a, j]
+            P[(NAV + k) * (STRIDE + 1)] += swapped2
     for i in range(3):
-        P[i * (STRIDE + 1)] += away2
         P[(3 + i) * (STRIDE + 1)] += speed * speed
+    symmetrise(P, NAV + m)
     s[DRIFT : DRIFT + 3] = 0.0
+    s[DRIFTS : DRIFTS + 6] = 0.0
 
 
 @njit(cache=True)

@@ -31,7 +31,7 @@ R, V, Q = 0, 3, 6
 ALIVE, LOG_WEIGHT = 10, 11
 BIAS = 76
 ELAPSED, FORCE_SUM, TURN_SUM, GAP_VARIANCE = 82, 83, 86, 95
-SPANS = 97
+SPANS, DRIFTS = 97, 113
 SLOW = 120
 """Bookkeeping of ``nav_fusion.observe`` lies between ``LOG_WEIGHT`` and ``BIAS``;
 then the summed biases, what gathers until the covariance is brought up to date, and the sums of

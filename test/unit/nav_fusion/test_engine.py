@@ -164,6 +164,55 @@ def test_an_even_drive_with_quiet_sensors_is_not_taken_for_rest() -> None:
     assert engine.status().still_updates == 0
 
 
+def moved(d: Drive, metres: np.ndarray) -> Drive:
+    """Shift the fixes east."""
+    fix = d.fix.copy()
+    fix[:, 1] += np.degrees(metres / (EAST_M * np.cos(np.radians(LATITUDE))))
+    return replace(d, fix=fix)
+
+
+def test_rest_that_fixes_contradicted_by_mistake_is_believed_again() -> None:
+    d = drive(300.0, rest_s=300.0)
+    t = (d.fix_ns - START_NS) * 1e-9
+    d = moved(d, np.where((t > 60) & (t < 75), 0.8, 0.0))
+    counts = []
+    for seconds in (80.0, 160.0, 300.0):
+        engine = Engine(NOISE, HEADED)
+        play(engine, until(d, seconds))
+        counts.append(engine.status().still_updates)
+    assert counts[0] < 4 * 65  # denied from about the first fix that was off
+    assert counts[1] == counts[0]
+    assert counts[2] > counts[1] + 4 * 50
+
+
+def until(d: Drive, seconds: float) -> Drive:
+    """Cut a drive off."""
+    n = int(np.searchsorted(d.stamp_ns, START_NS + round(seconds * 1e9)))
+    k = int(np.searchsorted(d.fix_ns, START_NS + round(seconds * 1e9)))
+    return Drive(d.stamp_ns[:n], d.rate[:n], d.force[:n], d.fix_ns[:k], d.fix[:k])
+
+
+@pytest.mark.parametrize("aided", [True, False])
+def test_a_slow_even_motion_is_not_rest_where_fixes_or_velocities_show_it(aided: bool) -> None:
+    d = drive(150.0, rest_s=150.0)
+    t = (d.fix_ns - START_NS) * 1e-9
+    d = moved(d, 0.1 * np.maximum(t - 60.0, 0.0))
+    colour = AidNoise(0.3, (SlowTerm.gauss_markov(0.8, 30.0, "gauss_markov"),))
+    parameters = replace(HEADED, use_velocity=True)
+    engine = Engine(replace(NOISE, position=(colour if aided else AidNoise(0.3),) * 3), parameters)
+    rng = np.random.default_rng(9)
+    begin = 0
+    for k, ns in enumerate(d.fix_ns):
+        end = int(np.searchsorted(d.stamp_ns, ns))
+        engine.add_imu(d.stamp_ns[begin:end], d.rate[begin:end], d.force[begin:end])
+        begin = end
+        engine.add_fix(int(ns), *d.fix[k])
+        if aided:
+            speed = 0.1 if t[k] > 60 else 0.0
+            engine.add_velocity(int(ns), np.array((speed, 0.0, 0.0)) + rng.normal(0, 0.1, 3))
+    assert 4 * 40 < engine.status().still_updates < 4 * 90
+
+
 def test_at_rest_the_velocity_is_known_to_what_the_accelerometer_walks_in_a_block() -> None:
     engine, rows = fused(drive(60.0, rest_s=100.0))
     solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
@@ -224,6 +273,15 @@ def test_no_fix_nan_and_places_off_the_earth_are_left_out() -> None:
     assert np.array_equal(engine.state(), before)
     assert engine.status().used == used
     assert engine.counts.rejected >= 3
+
+
+def test_a_fix_without_altitude_is_left_out_and_said() -> None:
+    engine = Engine(NOISE, HEADED)
+    play(engine, drive(10.0))
+    before = engine.status().rejected
+    engine.add_fix(START_NS + 9_990_000_000, LATITUDE, LONGITUDE, float("nan"))
+    assert engine.status().rejected == before + 1
+    assert "left out: fixes without an altitude (NaN)" in engine.status().notes
 
 
 def test_a_status_that_was_never_set_is_no_fix_by_the_message_and_said() -> None:
