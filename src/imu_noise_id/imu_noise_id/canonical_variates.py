@@ -72,8 +72,11 @@ def search(values: Floats, observed: Mask) -> list[Correlations]:
     return sorted(scan(values[:, None], observed), key=lambda c: -c.excess)
 
 
-def scan(values: Floats, observed: Mask) -> list[Correlations]:
-    """Correlations of past and future at every scale; values (n, d) with zero mean."""
+def scan(values: Floats, observed: Mask, most_rows: int | None = None) -> list[Correlations]:
+    """Correlations of past and future at every scale; values (n, d) with zero mean.
+
+    ``most_rows`` limits what is looked at to the leading ones of each scale.
+    """
     size, channels = values.shape
     blocks = [1]
     while size // (blocks[-1] * SCALE) >= SHORTEST:
@@ -83,10 +86,11 @@ def scan(values: Floats, observed: Mask) -> list[Correlations]:
     for block in blocks:
         if block > 1:
             means, seen = blocks_of(means, seen, SCALE)
+        leading, whole = means[:most_rows], seen[:most_rows]
         for lags in LAGS[::-1]:  # the most that leave enough rows
-            rows = int(whole_rows(seen, 2 * lags).size)
+            rows = int(whole_rows(whole, 2 * lags).size)
             if rows >= max(SHORTEST // 2, 20 * lags * channels):
-                factor = _factor(means, seen, lags)[0]
+                factor = _factor(leading, whole, lags)[0]
                 found.append(_correlate(factor, rows, lags, channels, block, len(blocks)))
                 break
     if not found:

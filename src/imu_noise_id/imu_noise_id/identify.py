@@ -6,12 +6,14 @@ import dataclasses
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imu_noise_id.allan import AllanCurve, allan
 from imu_noise_id.allan_degrees import with_spectrum
+from imu_noise_id.axes_together import AxesTogether, axes_together
 from imu_noise_id.cca import Cca, past_future
 from imu_noise_id.cross_axes import cross_axes, with_effects
 from imu_noise_id.effects.white_noise import WhiteNoise
@@ -25,6 +27,7 @@ from imu_noise_id.model import (
 )
 from imu_noise_id.recording import Channel, Floats, Recording
 from imu_noise_id.series import Series, to_series
+from imu_noise_id.shaping_allan import allan_deviation, allan_distance
 from imu_noise_id.transport import Transport, find_transport, without_repeats
 
 SHORTEST = 32
@@ -64,6 +67,22 @@ class ChannelResult:
     cca: Cca | None
     notes: tuple[str, ...] = ()
 
+    @cached_property
+    def cca_deviation(self) -> Floats | None:
+        """Allan deviation of the canonical-correlation model at the measured averaging times."""
+        curve = self.allan
+        if self.cca is None or curve is None or not curve.tau_s.size or not self.cca.H_z.stable:
+            return None
+        return allan_deviation(self.cca.H_z, curve.averaging_factor)
+
+    @property
+    def cca_distance(self) -> float | None:
+        """How far that is from the measured curve, see ``allan_distance``."""
+        modelled = self.cca_deviation
+        if modelled is None or self.allan is None:
+            return None
+        return allan_distance(self.allan.deviation, modelled, self.allan.degrees_of_freedom)
+
 
 @dataclass(frozen=True)
 class Identification:
@@ -84,6 +103,11 @@ class Identification:
     channels: tuple[ChannelResult, ...]
     model: NoiseModel
     notes: tuple[str, ...] = ()
+
+    @cached_property
+    def sensors(self) -> tuple[AxesTogether, ...]:
+        """Models of the three axes of a sensor together; found when first asked for."""
+        return axes_together(self.channels)
 
     def channel(self, name: str) -> ChannelResult:
         """Return the channel of that name; raise KeyError when there is none."""

@@ -18,6 +18,7 @@ from imu_noise_id.model import NoiseModel
 from imu_noise_id.model_file import bound_tree, effect_tree
 
 if TYPE_CHECKING:
+    from imu_noise_id.axes_together import AxesTogether
     from imu_noise_id.cca import Cca
 
 
@@ -61,6 +62,7 @@ def identification_tree(identification: Identification) -> dict[str, Any]:
         "format": "identify/1",
         "bag": recording.source,
         "channels": [_channel_tree(result) for result in identification.channels],
+        "sensors": [together_tree(sensor) for sensor in identification.sensors],
         "notes": [*recording.notes, *identification.notes],
     }
 
@@ -79,7 +81,34 @@ def _channel_tree(result: ChannelResult) -> dict[str, Any]:
         "allan": allan_tree(result.allan),
         "effects": [effect_tree(fitted) for fitted in model.effects],
         "bounds": [bound_tree(bound) for bound in model.bounds],
-        "cca": cca_tree(result.cca) if result.cca is not None else None,
+        "cca": _cca_of_channel(result),
+    }
+
+
+def _cca_of_channel(result: ChannelResult) -> dict[str, Any] | None:
+    """Canonical correlation analysis and how far its Allan curve is from the measured one."""
+    if result.cca is None:
+        return None
+    return {**cca_tree(result.cca), "allan_distance": result.cca_distance}
+
+
+def together_tree(sensor: AxesTogether) -> dict[str, Any]:
+    """Model of the axes of one sensor together as plain data."""
+    model = sensor.model
+    space = model.state_space
+    return {
+        "topic": sensor.topic,
+        "names": list(sensor.names),
+        "order": model.order,
+        "canonical_correlations": model.canonical_correlations,
+        "chance_level": model.chance_level,
+        "significant": model.significant,
+        "A": space.A,
+        "C": space.C,
+        "K": space.K,
+        "innovation_covariance": space.innovation_covariance,
+        "sample_time_s": space.sample_time_s,
+        "allan_distance": list(sensor.distances),
     }
 
 

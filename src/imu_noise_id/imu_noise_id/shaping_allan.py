@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from imu_noise_id.canonical_variates import StateSpace
 from imu_noise_id.recording import Floats
 from imu_noise_id.transfer_function import DiscreteTransfer, stationary_covariance
 
 
 def allan_deviation(transfer: DiscreteTransfer, averaging_factor: NDArray[np.int64]) -> Floats:
     """Allan deviation of the output of a stable H(z) driven by unit white noise, shape (t,).
-
-    With V(m) the variance of a sum of m samples, sigma^2 = (4 V(m) - V(2m))/(2 m^2).
 
     Raises
     ------
@@ -25,20 +24,41 @@ def allan_deviation(transfer: DiscreteTransfer, averaging_factor: NDArray[np.int
     size = max(transfer.numerator.size, transfer.denominator.size)
     b = np.pad(transfer.numerator, (0, size - transfer.numerator.size)) / lead
     phi = np.pad(transfer.denominator, (0, size - transfer.denominator.size)) / lead
-    if size == 1:
-        return np.asarray(abs(b[0]) / np.sqrt(averaging_factor))
     order = size - 1
-    A, K = np.eye(order, k=1), b[1:] - phi[1:] * b[0]
-    A[:, 0] = -phi[1:]
-    P = stationary_covariance(A, np.outer(K, K))
-    direct, lagged = P[0, 0] + b[0] ** 2, A @ P[:, 0] + K * b[0]
+    A = np.eye(order, k=1)
+    A[:, :1] = -phi[1:, None]
+    return _allan_of_output(
+        A, (b[1:] - phi[1:] * b[0])[:, None], np.eye(1, order)[0], b[:1], averaging_factor
+    )
+
+
+def axis_allan_deviation(
+    space: StateSpace, axis: int, averaging_factor: NDArray[np.int64]
+) -> Floats:
+    """Allan deviation of one output of a stable innovations model, shape (t,)."""
+    root = np.linalg.cholesky(space.innovation_covariance)
+    return _allan_of_output(space.A, space.K @ root, space.C[axis], root[axis], averaging_factor)
+
+
+def _allan_of_output(
+    A: Floats, B: Floats, c: Floats, d: Floats, averaging_factor: NDArray[np.int64]
+) -> Floats:
+    """Of y = c x + d w with x' = A x + B w and w white of unit variance each.
+
+    With V(m) the variance of a sum of m samples, sigma^2 = (4 V(m) - V(2m))/(2 m^2).
+    """
+    if not A.size:
+        return np.asarray(np.linalg.norm(d) / np.sqrt(averaging_factor))
+    P = stationary_covariance(A, B @ B.T)
+    direct, lagged = float(c @ P @ c + d @ d), A @ P @ c + B @ d
     # the last block column of chain^m sums the powers of A with weights m - 1, m - 2, ...
-    one, none = np.eye(order), np.zeros((order, order))
+    one, none = np.eye(A.shape[0]), np.zeros(A.shape)
     chain = np.block([[A, one, none], [none, one, one], [none, none, one]])
+    order = A.shape[0]
 
     def variance_of_sum(m: int) -> float:
         weights = np.linalg.matrix_power(chain, int(m))[:order, 2 * order :]
-        return float(m * direct + 2.0 * (weights @ lagged)[0])
+        return float(m * direct + 2.0 * (c @ weights @ lagged))
 
     variance = [
         (4 * variance_of_sum(m) - variance_of_sum(2 * m)) / (2.0 * m * m)

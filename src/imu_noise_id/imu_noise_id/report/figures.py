@@ -19,6 +19,7 @@ from imu_noise_id.spectrum import Spectrum
 
 MODEL = "#e8590c"
 SECOND_MODEL = INK
+THIRD_MODEL = "#a259c4"
 MUTED = "#8a94a3"
 ALARM = "#e03131"
 PALETTE = ("#2f7ed8", "#e8590c", "#2b9a66", "#a259c4", "#c79a00", "#d6457a", "#12a5a5", "#8a6d3b")
@@ -51,8 +52,8 @@ def _model_lines(
             "line",
             {"x": x, "y": model.values},
             model.label,
-            (MODEL, SECOND_MODEL)[k % 2],
-            ("solid", "dashdot")[k % 2],
+            (MODEL, SECOND_MODEL, THIRD_MODEL)[k % 3],
+            ("solid", "dashdot", "dotdash")[k % 3],
             width=2.4,
             hover=hover,
         )

@@ -18,6 +18,7 @@ from imu_noise_id.report.curves import Part, allan_parts, envelope, psd_parts
 from imu_noise_id.report.page import Figure, Page, Section, Snippet, Table, render
 from imu_noise_id.report.plot import Axis
 from imu_noise_id.report.receiver import receiver_section
+from imu_noise_id.report.together import together_parts, together_section
 from imu_noise_id.report.transfer import (
     cca_allan,
     transfer_figures,
@@ -46,7 +47,12 @@ def identification_page(identification: Identification) -> str:
     """Return the report of an identification as one HTML document."""
     recording = identification.recording
     sections = [_overview(identification)]
-    sections += [channel_section(result, recording) for result in identification.channels]
+    joint = together_parts(identification.sensors)
+    sections += [
+        channel_section(result, recording, joint.get((result.channel.topic, result.channel.name)))
+        for result in identification.channels
+    ]
+    sections += [together_section(s, identification.channels) for s in identification.sensors]
     receiver = receiver_section(recording)
     if receiver is not None:
         sections.append(receiver)
@@ -243,13 +249,15 @@ def parameter_rows(model: ChannelModel, named: bool) -> list[tuple[str, ...]]:
     return rows or [(channel, "none found", "", "", "", "", "")]
 
 
-def channel_section(result: ChannelResult, recording: Recording) -> Section:
-    """Everything about one channel."""
+def channel_section(
+    result: ChannelResult, recording: Recording, joint: Part | None = None
+) -> Section:
+    """Everything about one channel; ``joint`` is the Allan curve of all axes' model."""
     effects = tuple(fitted.effect for fitted in result.model.effects)
     names = [fitted.name.replace("_", " ") for fitted in result.model.effects]
     paragraphs = [_channel_sentence(result, recording, names)]
     paragraphs += transfer_paragraphs(result)
-    drawn = [f for f in (_allan(result, recording), _spectrum(result)) if f is not None]
+    drawn = [f for f in (_allan(result, recording, joint), _spectrum(result)) if f is not None]
     drawn.append(_course(result))
     drawn += transfer_figures(result)
     rows = tuple(row[1:] for row in parameter_rows(result.model, named=False))
@@ -276,7 +284,7 @@ def _channel_sentence(result: ChannelResult, recording: Recording, names: Sequen
     return text
 
 
-def _allan(result: ChannelResult, recording: Recording) -> Figure | None:
+def _allan(result: ChannelResult, recording: Recording, joint: Part | None) -> Figure | None:
     curve = result.allan
     if curve is None or curve.tau_s.size == 0 or not np.all(curve.lower > 0.0):
         return None
@@ -285,9 +293,7 @@ def _allan(result: ChannelResult, recording: Recording) -> Figure | None:
     models = [Part("model", np.sqrt(_predicted(result, recording)))] if has_effects else []
     warmth = _warmth(result, recording)
     parts = allan_parts(result.model, curve.tau_s, dt, warmth, result.series.span_s)
-    canonical = cca_allan(result)
-    if canonical is not None:
-        models.append(canonical)
+    models += [part for part in (cca_allan(result), joint) if part is not None]
     plot = figures.allan_figure(curve, result.channel.unit, parts, models)
     caption = "Measured, with each effect's own share (dashed) and all of them together."
     return Figure("Allan deviation", f"{caption} {curve.note}".strip(), plot)

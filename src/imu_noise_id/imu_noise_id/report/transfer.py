@@ -12,7 +12,6 @@ from imu_noise_id.report.curves import Part
 from imu_noise_id.report.page import Figure, Table
 from imu_noise_id.report.plot import Axis, Layer, Plot
 from imu_noise_id.series import Series
-from imu_noise_id.shaping_allan import allan_deviation, allan_distance
 from imu_noise_id.terminal import number
 from imu_noise_id.transfer_function import drive, frequency_response, step_response
 
@@ -22,18 +21,9 @@ CURVE_POINTS = 200
 
 def cca_allan(result: ChannelResult) -> Part | None:
     """Allan deviation of the canonical-correlation model, to lay over the measured one."""
-    cca, curve = result.cca, result.allan
-    if cca is None or curve is None or curve.tau_s.size == 0 or not cca.H_z.stable:
+    if result.cca is None or result.cca_deviation is None:
         return None
-    return Part(f"CCA, order {cca.order}", allan_deviation(cca.H_z, curve.averaging_factor))
-
-
-def distance(result: ChannelResult) -> float | None:
-    """Return how far the canonical-correlation model's Allan curve is from the measured one."""
-    part, curve = cca_allan(result), result.allan
-    if part is None or curve is None:
-        return None
-    return allan_distance(curve.deviation, part.values, curve.degrees_of_freedom)
+    return Part(f"CCA, order {result.cca.order}", result.cca_deviation)
 
 
 def transfer_paragraphs(result: ChannelResult) -> list[str]:
@@ -53,7 +43,7 @@ def transfer_paragraphs(result: ChannelResult) -> list[str]:
             f"Past and future correlate by {level}, but the likelihood shows a model of {states} "
             "beyond chance."
         )
-    apart = distance(result)
+    apart = result.cca_distance
     if apart is not None:
         text += f" Its Allan curve is {100.0 * apart:.2g} % from the measured one."
     return [text]
