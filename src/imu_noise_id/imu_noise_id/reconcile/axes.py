@@ -13,7 +13,7 @@ from imu_noise_id.model import ChannelModel
 from imu_noise_id.reconcile.battery import Whitened
 from imu_noise_id.reconcile.null import log_p_of
 from imu_noise_id.reconcile.prior import TYPED_STD_ERROR
-from imu_noise_id.recording import Floats
+from imu_noise_id.recording import DERIVED, Floats
 
 BANDS = 120
 TRIMMED = 6
@@ -44,14 +44,16 @@ class Tie:
 
 
 def ties(whitened: dict[str, Whitened], models: dict[str, ChannelModel]) -> list[Tie]:
-    """All pairs of channels of one length and rate.
+    """All pairs of measured channels of one length and rate.
 
-    A vibration that two axes share correlates them in one band; common white noise does in all.
-    The test leaves out the ``TRIMMED`` bands of ``BANDS`` that speak loudest for it.
+    A channel that is computed from others is tied to them by arithmetic, and left out.  A
+    vibration that two axes share correlates them in one band; common white noise does in all: the
+    test leaves out the ``TRIMMED`` bands of ``BANDS`` that speak loudest for it.
     """
     coefficients = {n: np.asarray(fft.dct(w.samples, norm="ortho")) for n, w in whitened.items()}
     out = []
-    for first, second in combinations(whitened, 2):
+    measured = [name for name in whitened if name not in DERIVED]
+    for first, second in combinations(measured, 2):
         a, b = whitened[first], whitened[second]
         if a.samples.size != b.samples.size or a.sample_time_s != b.sample_time_s:
             continue

@@ -29,6 +29,10 @@ INDEPENDENT = 0.6
 fast ones (240 channels with nothing hidden: smallest p-values as of half as many)."""
 
 
+FORM_ERROR = 0.25
+"""Share of its size by which a real ramp or warming differs from the catalogue's straight line."""
+
+
 @dataclass(frozen=True)
 class Finding:
     """One statistic with its significance.
@@ -142,12 +146,36 @@ def _courses(state: State, found: Analysis) -> list[Finding]:
 def _course(
     state: State, found: Analysis, name: str, effect: Effect, shape: Floats, place: Where
 ) -> Finding:
-    column = Column(effect, shape)
-    grown = replace(state, columns=(*state.columns, column), effects=found.fit.effects)
-    fitted = analyse(grown)
+    fitted = with_column(state, found, Column(effect, shape))
     gain = max(fitted.objective - found.objective, 0.0)
     sign = float(np.sign(fitted.sizes[-1]))
     return _finding(name, _log_chi2(1, 2.0 * gain), replace(place, z=sign))
+
+
+def with_column(state: State, found: Analysis, column: Column) -> Analysis:
+    """Best fit with one course more.
+
+    From the fit's own effects, and where an unseen drift has grown to hold the course, from the
+    model as given: the two alternate too slowly to find their way back.  That drift may then hold
+    as much of the course as its form is wrong by.
+    """
+    columns, drift = (*state.columns, column), state.prior.drift
+    if drift is None:
+        return analyse(replace(state, columns=columns, effects=found.fit.effects))
+    starts = (found.fit.effects, given_effects(found.fit.effects, state.prior))
+    trials = [analyse(replace(state, columns=columns, effects=effects)) for effects in starts]
+    best = max(trials, key=lambda trial: trial.objective)
+    room = drift.with_room(_form_error(column, float(best.sizes[-1]), state, drift.frequency_hz))
+    prior = replace(state.prior, drift=room)
+    return analyse(replace(state, columns=columns, effects=best.fit.effects, prior=prior))
+
+
+def _form_error(column: Column, size: float, state: State, frequency_hz: Floats) -> Floats:
+    """PSD of what a course's form may be wrong by, its zeros between ordinates filled."""
+    power = (FORM_ERROR * size * column.coefficients) ** 2 * state.sample_time_s
+    envelope = np.maximum(power, np.append(power[1:], 0.0))
+    ordinate = frequency_hz * 2.0 * state.values.size * state.sample_time_s
+    return np.asarray(np.interp(ordinate, np.arange(1, power.size), envelope[1:]))
 
 
 def _shapes(state: State, found: Analysis) -> list[Finding]:

@@ -21,7 +21,7 @@ from imu_noise_id.effects.temperature import Temperature
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.reconcile.battery import BURST_BLOCKS
-from imu_noise_id.reconcile.compare import footings, freed_column, residual_of
+from imu_noise_id.reconcile.compare import footings, freed_column, residual_of, with_column
 from imu_noise_id.reconcile.lines import steadied
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, SLOW, without
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
@@ -263,10 +263,11 @@ def _course(
     state: State, found: Analysis, effect: Effect, size_name: str, parameters: int
 ) -> Candidate:
     column = course_column(effect, state, size_name)  # type: ignore[arg-type]
-    grown = replace(state, columns=(*state.columns, column), effects=found.fit.effects)
-    trial = _candidate(ADD, effect, PRICE_PER_PARAMETER * parameters, found, grown)
-    fitted = effect.replace(**{size_name: float(trial.found.sizes[-1])})
-    return replace(trial, effect=fitted)
+    after = with_column(state, found, column)
+    grown = replace(after.state, effects=after.fit.effects)
+    fitted = effect.replace(**{size_name: float(after.sizes[-1])})
+    gain, price = after.objective - found.objective, PRICE_PER_PARAMETER * parameters
+    return Candidate(ADD, fitted, gain, price, grown, after)
 
 
 def quieten(found: Analysis, first: int, last: int, ratio: float) -> Floats:

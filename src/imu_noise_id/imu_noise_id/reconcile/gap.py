@@ -23,6 +23,7 @@ from scipy.special import chdtr, chdtrc, ndtri
 from imu_noise_id.ordinates import ordinates
 from imu_noise_id.reconcile.battery import Whitened, battery, deviance
 from imu_noise_id.reconcile.null import Null, z_of
+from imu_noise_id.reconcile.prior import within_intervals
 from imu_noise_id.reconcile.state import (
     Analysis,
     Column,
@@ -33,6 +34,7 @@ from imu_noise_id.reconcile.state import (
     whiten,
 )
 from imu_noise_id.recording import Floats
+from imu_noise_id.whittle import spectrum_of
 
 GROUPS = 100
 STRETCHES = 64
@@ -43,6 +45,7 @@ def whole_score(
     found: Analysis, null: Null, skip: frozenset[str], extras: tuple[float, ...] = ()
 ) -> float:
     """Score of the whole record under its own fit."""
+    found = _within_intervals(found)
     return _score(found.white, _spread(found), null, skip, extras)
 
 
@@ -69,8 +72,24 @@ def held_out_score(
     local : bool
         Whether to split by odd and even samples.
     """
-    white, spread = _odd_samples(state, found) if local else _second_half(state)
+    split = _odd_samples(state, _within_intervals(found)) if local else _second_half(state)
+    white, spread = split
     return _score(white, spread, null, skip, extras)
+
+
+def _within_intervals(found: Analysis) -> Analysis:
+    """The fit with no more drift than the given model leaves open: beyond that is a gap."""
+    state, prior = found.state, found.state.prior
+    effects = within_intervals(found.fit.effects, prior)
+    if effects == found.fit.effects:
+        return found
+    f, dt = found.ordinates.frequency_hz, found.ordinates.sample_time_s
+    covariance = found.fit.covariance.copy()
+    rows = [prior.centre.size, prior.centre.size + 1]
+    covariance[rows], covariance[:, rows] = 0.0, 0.0
+    spectrum = spectrum_of(effects, f, dt, state.floor)
+    fit = replace(found.fit, effects=effects, spectrum=spectrum, covariance=covariance)
+    return replace(found, fit=fit)
 
 
 def _score(
@@ -137,7 +156,7 @@ def _part(state: State, where: slice) -> State:
 def _second_half(state: State) -> tuple[Whitened, Floats]:
     half = state.values.size // 2
     first, second = _part(state, slice(0, half)), _part(state, slice(half, 2 * half))
-    fitted = analyse(first)
+    fitted = _within_intervals(analyse(first))
     values = second.values - second.values[0]
     sizes = _phases_anew(second.columns, fitted.sizes, values)
     for size, column in zip(sizes, second.columns, strict=True):

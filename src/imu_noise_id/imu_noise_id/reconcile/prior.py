@@ -9,12 +9,13 @@ known, |d|/(2 s^2) beyond, as the chi-square law of an estimated power has it.  
 level is known to a factor of two is not held by a parabola that it never had.
 
 An identified model also has drifts that its recording was too short to show.  Their room is a
-Gauss-Markov term whose cost is that of having been passed over there: identification keeps a term
-that gains G nats or more, and a term of spectrum x_k, over the model's own at the ordinates of that
-recording, gains 1/2 sum_k (x_k z_k^2 - log(1 + x_k)), z_k normal.  Chernoff's bound of the chance
-of less than G is
+Gauss-Markov term whose cost is its likelihood in that recording: of a term with spectrum x_k, over
+the model's own at the low ordinates there,
 
-    pi(x) = max_t [1/2 sum_k log(1 + 2 t x_k) - t (2 G + sum_k log(1 + x_k))],  0 <= t <= 1/2.
+    pi(x) = 1/2 sum_k [log(1 + x_k) - w x_k/(1 + x_k)],
+
+w the power of those ordinates over the model's: 1 on average, and as the model's upper bound of a
+walk says where it has one, since the likelihood has dropped by 1.35 nats there.
 """
 
 from __future__ import annotations
@@ -26,10 +27,11 @@ import numpy as np
 
 from imu_noise_id.effects.base import Effect, ResponseEffect, StochasticEffect
 from imu_noise_id.effects.gauss_markov import GaussMarkov
+from imu_noise_id.effects.rate_random_walk import RateRandomWalk
+from imu_noise_id.intervals import ONE_SIDED_DROP
 from imu_noise_id.model import ChannelModel
 from imu_noise_id.ordinates import Ordinates
 from imu_noise_id.recording import Floats
-from imu_noise_id.selection import PRICE
 from imu_noise_id.whittle import (
     Spectrum,
     information,
@@ -53,9 +55,10 @@ SHORTEST_DRIFT = 1.0 / 64.0
 """Correlation time of an unseen drift over the record: faster ones reach beyond the ordinates."""
 FREE_STD_ERROR = 1e3
 SLOW = ("rate_random_walk", "gauss_markov", "bias_instability")
-PASSED_OVER = 0.5 * PRICE["rate_random_walk"]
-"""Nats below which identification leaves a slow term out."""
-TILTS = np.concatenate(([0.0], 0.5 * np.geomspace(1e-3, 1.0, 24)))
+LEFT_OPEN = 1.92
+"""Nats that a drift may cost within the model's 95 % interval."""
+LOUDEST_SEEN = 10.0
+FRACTIONS = np.concatenate(([0.0], np.geomspace(1e-4, 1.0, 60)))
 
 
 @dataclass(frozen=True)
@@ -81,11 +84,14 @@ class DriftPrior:
     inverse : (m,) float64
         1/S of the model there.
     sample_time_s : float
+    power : float
+        w, of that recording's ordinates there over the model's spectrum.
     """
 
     frequency_hz: Floats
     inverse: Floats
     sample_time_s: float
+    power: float = 1.0
 
     @property
     def start(self) -> tuple[float, float]:
@@ -96,27 +102,50 @@ class DriftPrior:
 
     def cost(self, theta: Floats) -> float:
         """Nats of the drift of these log parameters, (2,)."""
-        x = self._drift(theta).psd(self.frequency_hz, self.sample_time_s) * self.inverse
-        return self._tilted(x)[1]
+        drift = self._drift(theta)
+        x = drift.psd(self.frequency_hz, self.sample_time_s) * self.inverse
+        return float(passed_over(x, self.power))
 
     def slope(self, theta: Floats) -> Floats:
         """Derivative by the log parameters, (2,)."""
         drift = self._drift(theta)
         x = drift.psd(self.frequency_hz, self.sample_time_s) * self.inverse
-        t, _ = self._tilted(x)
-        by_x = t * (1.0 / (1.0 + 2.0 * t * x) - 1.0 / (1.0 + x))
+        by_x = 0.5 * (1.0 / (1.0 + x) - self.power / (1.0 + x) ** 2)
         gradient = drift.psd_gradient(self.frequency_hz, self.sample_time_s) * self.inverse
         return np.asarray(gradient @ by_x)
+
+    def left_open(self, theta: Floats) -> Floats:
+        """The log parameters, their strength cut to what the model's interval leaves open."""
+        if self.cost(theta) <= LEFT_OPEN:
+            return theta
+        low, high = theta[0] - 20.0, theta[0]
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            open_yet = self.cost(np.array([middle, theta[1]])) <= LEFT_OPEN
+            low, high = (middle, high) if open_yet else (low, middle)
+        return np.array([low, theta[1]])
+
+    def with_room(self, psd: Floats) -> DriftPrior:
+        """The prior where a spectrum (m,) more would not have been a drift."""
+        return replace(self, inverse=1.0 / (1.0 / self.inverse + psd))
 
     def _drift(self, theta: Floats) -> UnseenDrift:
         return UnseenDrift(*np.exp(theta).tolist())
 
-    def _tilted(self, x: Floats) -> tuple[float, float]:
-        """The best t and the bound there."""
-        passed = 2.0 * PASSED_OVER + float(np.log1p(x).sum())
-        bound = 0.5 * np.log1p(2.0 * np.outer(TILTS, x)).sum(axis=1) - TILTS * passed
-        best = int(np.argmax(bound))
-        return float(TILTS[best]), float(bound[best])
+
+def passed_over(x: Floats, power: float) -> Floats:
+    """Nats against a term of relative spectrum x (..., m) where the ordinates had ``power``."""
+    return np.asarray(0.5 * np.sum(np.log1p(x) - power * x / (1.0 + x), axis=-1))
+
+
+def power_seen(x: Floats) -> float:
+    """Power w at which the likelihood of a term drops by 1.35 nats at relative spectrum x (m,)."""
+    low, high = 0.0, LOUDEST_SEEN
+    for _ in range(40):
+        w = 0.5 * (low + high)
+        costs = passed_over(np.outer(FRACTIONS, x), w)
+        low, high = (w, high) if costs[-1] - costs.min() > ONE_SIDED_DROP else (low, w)
+    return low
 
 
 @dataclass(frozen=True)
@@ -251,8 +280,24 @@ def unseen_drift(
         # DCT-II of a ramp R t: odd ordinates of 8 R^2 T^3/(pi k)^4, the even ones alike here
         slope = float(ramp.estimates[0].value or 0.0)
         psd = psd + 8.0 * slope**2 * duration_s**3 / (np.pi * 2.0 * duration_s * f) ** 4
-    drift = DriftPrior(f, 1.0 / psd, sample_time_s)
+    bound = next((b.upper for b in model.bounds if b.name == RateRandomWalk.name), None)
+    walk = None if bound is None else RateRandomWalk(bound).psd(f, sample_time_s) / psd
+    power = 1.0 if walk is None else power_seen(walk)
+    drift = DriftPrior(f, 1.0 / psd, sample_time_s, power)
     return UnseenDrift(*np.exp(drift.start).tolist()), drift
+
+
+def within_intervals(effects: tuple[Effect, ...], prior: Prior) -> tuple[Effect, ...]:
+    """Effects of a fit, an unseen drift no larger than the model leaves open."""
+    if prior.drift is None:
+        return effects
+    theta = parameter_vector(effects)
+    q = prior.centre.size
+    kept = prior.drift.left_open(theta[q : q + 2])
+    if kept[0] == theta[q]:
+        return effects
+    theta[q : q + 2] = kept
+    return with_parameters(effects, theta)
 
 
 def given_effects(effects: tuple[Effect, ...], prior: Prior) -> tuple[Effect, ...]:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from imu_noise_id.identify import identify_recording
-from imu_noise_id.model import NoiseModel
+from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.model_file import typed_effect
 from imu_noise_id.reconcile import compare_recording, reconcile_recording, reconciliation_tree
 from imu_noise_id.recording import Channel, Recording, unit_of
@@ -87,6 +87,24 @@ def test_what_is_hidden_is_named_on_its_channel(kind: str, model: NoiseModel) ->
             assert result.channel(name).after.score < 1.3
         else:
             assert steps == ()
+
+
+def test_a_walk_beyond_the_models_own_bound_is_named_and_is_a_gap(model: NoiseModel) -> None:
+    name = NAMES[0]
+    quiet = made("nothing", seed=6)
+    (bound,) = [b.upper for b in channel_of(model, name).bounds if b.name == "rate_random_walk"]
+    steps = np.random.default_rng(3).laplace(size=quiet.channels[0].values.size)
+    steps *= 12.0 * bound / np.sqrt(2.0 * RATE_HZ)
+    walked = replace(quiet.channels[0], values=quiet.channels[0].values + np.cumsum(steps))
+    result = reconcile_recording(replace(quiet, channels=(walked, *quiet.channels[1:])), model)
+    (step,) = result.channel(name).steps
+    assert (step.action, step.effect.name) == ("add", "rate_random_walk")
+    assert result.channel(name).before.score > 1.3
+    assert result.channel(name).after.score < 1.2
+
+
+def channel_of(model: NoiseModel, name: str) -> ChannelModel:
+    return next(c for c in model.channels if c.name == name)
 
 
 def test_louder_noise_is_a_refit(model: NoiseModel) -> None:

@@ -10,11 +10,15 @@ from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.model import ChannelModel, Estimate, FittedEffect
 from imu_noise_id.model_file import typed_effect
 from imu_noise_id.reconcile.prior import (
-    PASSED_OVER,
+    LEFT_OPEN,
     TYPED_STD_ERROR,
     DriftPrior,
+    Prior,
+    UnseenDrift,
+    power_seen,
     prior_of,
     unseen_drift,
+    within_intervals,
 )
 
 NAME = "angular_velocity.x"
@@ -42,22 +46,45 @@ def test_only_an_identified_model_leaves_room_for_drift() -> None:
     assert unseen_drift(model_of(typed, np.array([[1e-6]])), effects, 0.005, 0.0) is not None
 
 
-def test_drift_costs_nothing_until_identification_would_have_seen_it() -> None:
+def test_a_drift_costs_nothing_that_does_not_show_and_more_the_more_it_would_have() -> None:
     log_sigma, log_time = PRIOR.start
     costs = [PRIOR.cost(np.array([log_sigma + step, log_time])) for step in range(6)]
-    assert costs[0] == 0.0
+    assert costs[0] < 0.01
     assert np.all(np.diff(costs) >= 0.0)
     assert costs[-1] > 10.0
 
 
-def test_the_cost_bounds_the_chance_of_being_passed_over() -> None:
+def test_the_cost_is_the_mean_likelihood_of_a_term_in_a_recording_that_has_none() -> None:
     rng = np.random.default_rng(0)
     theta = np.array(PRIOR.start) + np.array([2.8, -1.5])
     law = PRIOR._drift(theta).psd(F, 0.005)
-    gains = 0.5 * (rng.standard_normal((20000, F.size)) ** 2 @ law - np.log1p(law).sum())
-    chance = float(np.mean(gains < PASSED_OVER))
-    assert 0.003 < chance < 0.3
-    assert np.log(chance) < -PRIOR.cost(theta) < np.log(chance) + 2.5
+    power = rng.standard_normal((4000, F.size)) ** 2
+    loss = 0.5 * np.sum(np.log1p(law) + power / (1.0 + law) - power, axis=1)
+    assert PRIOR.cost(theta) == pytest.approx(loss.mean(), abs=4.0 * loss.std() / 4000**0.5)
+
+
+def test_the_bound_of_a_walk_says_how_loud_the_low_ordinates_were() -> None:
+    def bound_of(power: float) -> np.ndarray:
+        """Walk whose likelihood has dropped by 1.35 nats from its largest, by brute force."""
+        laws = np.geomspace(1e-4, 1e4, 4000)[:, None] / (F * 1200.0) ** 2
+        gain = 0.5 * np.sum(power * laws / (1.0 + laws) - np.log1p(laws), axis=1)
+        best = int(np.argmax(gain))
+        beyond = np.flatnonzero(gain[best:] < max(gain[best], 0.0) - 1.3528)[0]
+        return laws[best + beyond]
+
+    for power in (0.3, 1.0, 2.0):
+        assert power_seen(bound_of(power)) == pytest.approx(power, abs=0.02)
+
+
+def test_a_drift_counts_as_agreement_only_within_the_models_interval() -> None:
+    prior = replace(Prior.none(), drift=PRIOR)
+    time_s = 600.0
+    loud, quiet = UnseenDrift(50.0, time_s), UnseenDrift(1e-3, time_s)
+    assert within_intervals((quiet,), prior) == (quiet,)
+    (cut,) = within_intervals((loud,), prior)
+    assert isinstance(cut, UnseenDrift)
+    assert cut.correlation_time_s == pytest.approx(time_s)
+    assert PRIOR.cost(np.log([cut.sigma, time_s])) == pytest.approx(LEFT_OPEN, abs=1e-6)
 
 
 def test_the_slope_of_the_drift_cost_is_its_derivative() -> None:
