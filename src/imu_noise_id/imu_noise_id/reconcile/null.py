@@ -11,6 +11,7 @@ import os
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +88,14 @@ def load_null(
     n = next_fast_len(round(2.0 ** float(octave)), real=True)
     interval = float(f"{sample_time_s:.2g}")
     path = _cache_folder() / f"null_v{VERSION}_{n}_{interval:g}_{simulations}.npz"
+    return _stored_or_simulated(path, n, interval, workers, simulations)
+
+
+@lru_cache(maxsize=8)
+def _stored_or_simulated(
+    path: Path, n: int, interval: float, workers: int, simulations: int
+) -> Null:
+    """Read or simulated once a process: where nothing can be stored every channel asks again."""
     if path.is_file():
         with np.load(path) as stored:
             if tuple(stored["names"]) == NAMES:

@@ -12,6 +12,7 @@ from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.rate_ramp import RateRamp
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.ordinates import Ordinates
+from imu_noise_id.reconcile import null as null_module
 from imu_noise_id.reconcile.battery import NAMES, battery, white_record
 from imu_noise_id.reconcile.compare import combined, examine
 from imu_noise_id.reconcile.gap import deviates_of_power, held_out_score, whole_score
@@ -48,6 +49,7 @@ def test_the_null_is_simulated_once_and_read_again(
     first = load_null(1000, DT, 1, 20)
     (stored,) = tmp_path.rglob("*.npz")
     changed = stored.stat().st_mtime_ns
+    null_module._stored_or_simulated.cache_clear()  # as another process
     assert np.array_equal(load_null(1010, DT, 1, 20).nats, first.nats)
     assert stored.stat().st_mtime_ns == changed
 
@@ -181,3 +183,11 @@ def test_the_map_fit_climbs_to_where_the_gradient_is_zero() -> None:
     fitted = map_fit(EFFECTS, bins, PRIOR)
     again = map_fit(fitted.effects, bins, PRIOR)
     assert again.objective == pytest.approx(fitted.objective, abs=1e-3)
+
+
+def test_a_null_that_cannot_be_stored_is_simulated_once_for_all_channels(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/not to be written")
+    first = load_null(1000, DT, simulations=30)
+    assert load_null(1000, DT, simulations=30) is first
