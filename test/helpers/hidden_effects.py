@@ -241,8 +241,8 @@ class Strength:
         """Power of a noise of spectrum ``law`` at the ordinates, to be clearly present."""
         shape = self.grouped(law)
         group = SAME_SLOW if name in SAME_SLOW and name != "gauss_markov" else {name}
-        if name == "random_telegraph":  # told from its Gaussian twin by its levels alone
-            group = {name, "gauss_markov"}
+        if name == "random_telegraph":  # told by its levels from its twin, which no other law beats
+            group = set(OTHERS)
         others = [o for o in OTHERS if o not in group]
         return self._enough(lambda power: self._least(power * shape, True, others, nats))
 

@@ -57,7 +57,12 @@ class NarrowBand(StochasticEffect):
 
     @classmethod
     def starts(cls, residual: Residual) -> tuple[StochasticEffect, ...]:
-        """Window whose excess power gains most nats, over all places and doubling widths.
+        """Window whose excess power gains most nats, over all places and doubling widths."""
+        return tuple(start for _, start in cls.windows(residual)[:1])
+
+    @classmethod
+    def windows(cls, residual: Residual) -> list[tuple[float, NarrowBand]]:
+        """For every width the window whose excess power gains most, with its nats; most first.
 
         dof/2 (r - 1 - log r) for a mean power of r times the model's: counted in standard
         deviations, single ordinates, whose tail is long, hid a band of several bins.
@@ -88,8 +93,7 @@ class NarrowBand(StochasticEffect):
                 start = cls(float(middle[best]), width, sigma)
                 if sigma > 0.0:
                     found.append((float(nats[best]), start))
-        found.sort(key=lambda item: -item[0])
-        return tuple(start for _, start in found[:1])
+        return sorted(found, key=lambda item: -item[0])
 
     def psd(self, frequency_hz: Floats, sample_time_s: float) -> Floats:
         """Sampled Lorentzians about +-f0."""

@@ -49,12 +49,14 @@ class VarianceChange(TransformEffect):
 SILENT = 1e-12
 
 
-def variance_scan(white: Floats, blocks: int = 256) -> tuple[int, int, float, float]:
+def variance_scan(white: Floats, blocks: int = 256) -> tuple[int, int, float, float, float]:
     """Most likely window of another variance in white samples.
 
     The window of m among n samples, with mean squares v_in, v_out and v_all, gains
     (n log v_all - m log v_in - (n - m) log v_out)/2 nats over one variance for all; every window of
-    whole blocks is tried.
+    whole blocks is tried.  There are n/m places for a window, so that short ones reach any gain by
+    chance more often: the window that gains most beyond log(n/min(m, n - m)) is taken (Duembgen and
+    Spokoiny 2001).
 
     Parameters
     ----------
@@ -71,6 +73,8 @@ def variance_scan(white: Floats, blocks: int = 256) -> tuple[int, int, float, fl
         Variance within over variance outside.
     gain : float
         Log-likelihood gained over one variance for all, nats.
+    places : float
+        n/min(m, n - m).
     """
     size = max(white.size // blocks, 1)
     count = white.size // size
@@ -88,10 +92,12 @@ def variance_scan(white: Floats, blocks: int = 256) -> tuple[int, int, float, fl
     least = max(SILENT * v_all, np.finfo(float).tiny)  # a window of equal samples has no variance
     v_in, v_out, v_all = np.maximum(v_in, least), np.maximum(v_out, least), max(v_all, least)
     gain = 0.5 * (m_all * np.log(v_all) - m_in * np.log(v_in) - (m_all - m_in) * np.log(v_out))
-    best = int(np.argmax(gain))
+    places = m_all / np.minimum(m_in, m_all - m_in)
+    best = int(np.argmax(gain - np.log(places)))
     return (
         int(i[best] * size),
         int(j[best] * size),
         float(v_in[best] / v_out[best]),
         float(gain[best]),
+        float(places[best]),
     )

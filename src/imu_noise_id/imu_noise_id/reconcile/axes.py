@@ -17,6 +17,8 @@ from imu_noise_id.recording import DERIVED, Floats
 
 BANDS = 120
 TRIMMED = 6
+TRIMMED_EFFICIENCY = 0.98
+"""Variance of the mean over that of the mean without these, normal law (2e5 simulated)."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,8 @@ def ties(whitened: dict[str, Whitened], models: dict[str, ChannelModel]) -> list
 
     A channel that is computed from others is tied to them by arithmetic, and left out.  A
     vibration that two axes share correlates them in one band; common white noise does in all: the
-    test leaves out the ``TRIMMED`` bands of ``BANDS`` that speak loudest for it.
+    test leaves out the ``TRIMMED`` highest and as many lowest of ``BANDS``: nothing is lost of what
+    all bands share, where the loudest alone, left out, took 1.2 standard deviations with them.
     """
     coefficients = {n: np.asarray(fft.dct(w.samples, norm="ortho")) for n, w in whitened.items()}
     out = []
@@ -67,11 +70,9 @@ def _tie(names: tuple[str, str], a: Floats, b: Floats, given: float, error: floa
     products = (a * b)[: BANDS * size].reshape(BANDS, size).mean(axis=1)
     value = float(products.mean())
     std_error = float(np.sqrt((1.0 + value**2) / a.size))
-    surplus = np.sort((products - given) * np.sign(value - given))
-    kept = surplus[: BANDS - TRIMMED]
-    scatter = np.sqrt((1.0 + given**2) / (kept.size * size) + error**2)
-    z = max(float(kept.mean()) / scatter, 0.0)
-    return Tie(*names, value, std_error, given, log_p_of(z))
+    kept = np.sort(products - given)[TRIMMED : BANDS - TRIMMED]
+    scatter = np.sqrt((1.0 + given**2) / (BANDS * size * TRIMMED_EFFICIENCY) + error**2)
+    return Tie(*names, value, std_error, given, log_p_of(float(kept.mean()) / scatter))
 
 
 def _given(models: dict[str, ChannelModel], first: str, second: str) -> tuple[float, float]:

@@ -133,20 +133,43 @@ def _spectrum(record: Whitened) -> Statistic:
 
 
 def _band(record: Whitened) -> Statistic:
-    """Gain of the best narrow band over what is white; a window of bins fits it less well."""
+    """Gain of the best narrow band over what is white, less the logarithm of its places.
+
+    A window of bins fits it less well.
+    """
     f, one = record.frequency_hz, np.ones(record.ratio.size)
     n, dt = record.samples.size, record.sample_time_s
     bins = Ordinates(f, record.ratio, record.dof, dt, n * dt)
-    starts = NarrowBand.starts(Residual(bins, one, np.zeros((0, f.size))))
+    starts = band_starts(Residual(bins, one, np.zeros((0, f.size))))
     if not starts:
-        return Statistic("band", 0.0, Where("spectrum", float(f[0]), float(f[-1]), "Hz", 1.0))
+        return Statistic(
+            "band", -float(np.log(n)), Where("spectrum", float(f[0]), float(f[-1]), "Hz", 1.0)
+        )
     fitted = map_fit(starts, bins, Prior.none(), 1.0)
-    gain = max(fitted.objective - log_likelihood(one, bins), 0.0)
     (band,) = fitted.effects
     assert isinstance(band, NarrowBand)
+    gain = fitted.objective - log_likelihood(one, bins) - float(np.log(band_places(band, n, dt)))
     low = max(band.frequency_hz - 0.5 * band.bandwidth_hz, 0.0)
     place = Where("spectrum", low, band.frequency_hz + 0.5 * band.bandwidth_hz, "Hz", 1.0)
     return Statistic("band", gain, place)
+
+
+def band_starts(residual: Residual) -> tuple[NarrowBand, ...]:
+    """The window of power that gains most beyond the logarithm of its places."""
+    bins = residual.ordinates
+    n = round(bins.duration_s / bins.sample_time_s)
+
+    def net(window: tuple[float, NarrowBand]) -> float:
+        return window[0] - float(np.log(band_places(window[1], n, bins.sample_time_s)))
+
+    found = sorted(NarrowBand.windows(residual), key=net, reverse=True)
+    return tuple(start for _, start in found[:1])
+
+
+def band_places(band: NarrowBand, n: int, sample_time_s: float) -> float:
+    """How many bands of that width there are up to half the rate of n samples."""
+    width_hz = max(band.bandwidth_hz, 1.0 / (n * sample_time_s))
+    return max(0.5 / sample_time_s / width_hz, 1.0)
 
 
 def _line(record: Whitened, unit: Floats, name: str, domain: str) -> Statistic:
@@ -182,10 +205,15 @@ def _moments(record: Whitened) -> tuple[Statistic, Statistic, Statistic]:
 
 
 def _burst(record: Whitened) -> Statistic:
-    first, last, ratio, gain = variance_scan(record.samples, BURST_BLOCKS)
+    """Gain of the best window of another variance, less the logarithm of its places."""
+    first, last, ratio, gain, places = variance_scan(record.samples, BURST_BLOCKS)
     times = record.start_s + record.sample_time_s * np.array([first, last])
     sign = 1.0 if ratio > 1.0 else -1.0
-    return Statistic("burst", gain, Where("time", float(times[0]), float(times[1]), "s", sign))
+    return Statistic(
+        "burst",
+        gain - float(np.log(places)),
+        Where("time", float(times[0]), float(times[1]), "s", sign),
+    )
 
 
 def _levels(record: Whitened) -> Statistic:

@@ -336,6 +336,6 @@ def clustered(white: Floats, mask: np.ndarray) -> bool:
     ):
         return True
     quiet = np.where(mask, 0.0, white)
-    first, last, _, gain = variance_scan(quiet, BURST_BLOCKS)
+    first, last, _, gain, _ = variance_scan(quiet, BURST_BLOCKS)
     inside = np.mean(mask[first:last]) if last > first else 0.0
     return gain > 15.0 and inside > 4.0 * np.mean(mask)

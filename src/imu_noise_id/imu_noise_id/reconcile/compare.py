@@ -10,11 +10,13 @@ from scipy.special import chdtrc
 from imu_noise_id.effects.base import Effect, StochasticEffect
 from imu_noise_id.effects.bias_instability import BiasInstability
 from imu_noise_id.effects.gauss_markov import GaussMarkov
+from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.quantization import Quantization
 from imu_noise_id.effects.rate_ramp import RateRamp
 from imu_noise_id.effects.rate_random_walk import RateRandomWalk
 from imu_noise_id.effects.temperature import Temperature
 from imu_noise_id.ordinates import Residual
+from imu_noise_id.reconcile import bands
 from imu_noise_id.reconcile.battery import battery
 from imu_noise_id.reconcile.null import Null, log_p_of, z_of
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, given_effects, map_fit, without
@@ -100,6 +102,7 @@ def examine(state: State, found: Analysis, null: Null, skip: frozenset[str]) -> 
     out += _shapes(state, found)
     out += _refits(state, found)
     out += _given_courses(state, found)
+    out += _added_bands(state, found)
     return Findings(tuple(sorted(out, key=lambda f: f.log_p)))
 
 
@@ -281,6 +284,20 @@ def _given_courses(state: State, found: Analysis) -> list[Finding]:
             place = Where("time", float(t[0]), float(t[-1]), "s", float(np.sign(more)))
             name = f"refit {column.effect.name}"
             out.append(_finding(name, _log_chi2(1, 2.0 * gain), place))
+    return out
+
+
+def _added_bands(state: State, found: Analysis) -> list[Finding]:
+    """Whether a band that was added rings steadily: one of the model's is taken as it is."""
+    out = []
+    row = 0
+    for effect in found.fit.effects:
+        row += len(effect.free())
+        if isinstance(effect, NarrowBand) and row > state.prior.centre.size:
+            half_hz = 0.5 * effect.bandwidth_hz
+            low, high = effect.frequency_hz - half_hz, effect.frequency_hz + half_hz
+            place = Where("amplitude", low, high, "Hz", 1.0)
+            out.append(_finding(bands.NAME, bands.intermittence(found, effect), place))
     return out
 
 

@@ -20,7 +20,7 @@ from imu_noise_id.effects.rate_ramp import RateRamp
 from imu_noise_id.effects.temperature import Temperature
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
 from imu_noise_id.effects.white_noise import WhiteNoise
-from imu_noise_id.reconcile.battery import BURST_BLOCKS
+from imu_noise_id.reconcile.battery import BURST_BLOCKS, band_places, band_starts
 from imu_noise_id.reconcile.compare import footings, freed_column, residual_of, with_column
 from imu_noise_id.reconcile.lines import steadied
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, SLOW, without
@@ -123,7 +123,7 @@ def _sources(state: State, found: Analysis) -> list[Candidate]:
             continue
         tried = []
         for effects, residual in bases:
-            for start in kind.starts(residual):
+            for start in band_starts(residual) if kind is NarrowBand else kind.starts(residual):
                 price = PRICE_PER_PARAMETER * len(start.free())
                 grown = replace(state, effects=(*effects, start))
                 trial = _candidate(ADD, start, price, found, grown)
@@ -145,12 +145,12 @@ def _place_price(effect: Effect, state: State) -> float:
     """
     n, dt = state.values.size, state.sample_time_s
     if isinstance(effect, NarrowBand):
-        width_hz = max(effect.bandwidth_hz, 1.0 / (n * dt))
+        places = band_places(effect, n, dt)
     elif isinstance(effect, Periodic):
-        width_hz = 0.5 / (n * dt)  # sought at every half spacing
+        places = float(n)  # sought at every half spacing
     else:
         return 0.0
-    return max(float(np.log(0.5 / dt / width_hz)) - PRICE_PER_PARAMETER, 0.0)
+    return max(float(np.log(places)) - PRICE_PER_PARAMETER, 0.0)
 
 
 def _same_band(candidate: Candidate, state: State) -> bool:
@@ -289,7 +289,7 @@ def quieten(found: Analysis, first: int, last: int, ratio: float) -> Floats:
 
 def _bursts(state: State, found: Analysis) -> list[Candidate]:
     white = found.white.samples
-    first, last, ratio, gain = variance_scan(white, BURST_BLOCKS)
+    first, last, ratio, gain, _ = variance_scan(white, BURST_BLOCKS)
     if gain < 6.0:
         return []
     first, last = _sharpen(white, first, last, white.size // BURST_BLOCKS)
@@ -422,9 +422,37 @@ def _telegraph(state: State, found: Analysis, like: Candidate) -> list[Candidate
     course = np.concatenate((course, np.full(n - course.size, course[-1])))
     height = decoded.high - decoded.low
     effect = RandomTelegraph(height, decoded.mean_dwell * block * state.sample_time_s)
-    cleaned = state.with_values(state.values - height * course)
-    after = analyse(replace(cleaned, effects=found.fit.effects))
-    gain = after.objective - found.objective
+    blocks = analyse(
+        replace(state.with_values(state.values - height * course), effects=found.fit.effects)
+    )
+    gain = blocks.objective - found.objective
     gain += decoded.log_likelihood - decoded.path_log_likelihood
+    # to the sample only in what is taken out: in the gain the places of the jumps are not paid for
+    course = to_the_sample(course, rest - 0.5 * (decoded.high + decoded.low), block)
+    cleaned = state.with_values(state.values - height * course)
+    after = analyse(replace(cleaned, effects=blocks.fit.effects))
     settled = replace(cleaned, effects=after.fit.effects)
     return [Candidate(ADD, effect, gain, 2.0 * PRICE_PER_PARAMETER, settled, after)]
+
+
+def to_the_sample(course: Floats, values: Floats, reach: int) -> Floats:
+    """Course of two levels with every jump at its most likely place within ``reach`` samples.
+
+    ``values`` are counted from midway between the levels: before a jump upwards their sum is least,
+    before one downwards greatest.  A pulse of blocks left at every edge was a Gauss-Markov term.
+    """
+    out = course.copy()
+    total = np.concatenate(([0.0], np.cumsum(values)))
+    jumps = np.flatnonzero(np.diff(course)) + 1
+    ends = np.concatenate((jumps, [course.size]))
+    last = 0
+    for jump, end in zip(jumps.tolist(), ends[1:].tolist(), strict=True):
+        low, high = (
+            max(jump - reach, last + 1),
+            min(jump + reach, (jump + end) // 2, course.size - 1),
+        )
+        sign = course[jump] - course[jump - 1]
+        at = low + int(np.argmin(sign * total[low : high + 1]))
+        out[min(at, jump) : max(at, jump)] = course[jump] if at < jump else course[jump - 1]
+        last = at
+    return out

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from imu_noise_id.effects.cross_axis import CrossAxis
+from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.reconcile.axes import Tie, ties
 from imu_noise_id.reconcile.clean import answer_hits, open_topic
@@ -21,6 +22,7 @@ from imu_noise_id.reconcile.explain import (
 )
 from imu_noise_id.reconcile.mended import channel_result, mended_model, uncompared
 from imu_noise_id.reconcile.null import z_of
+from imu_noise_id.reconcile.prior import widened
 from imu_noise_id.reconcile.result import (
     ADD,
     REFIT,
@@ -153,7 +155,22 @@ def _tied(work: Work, other: str, tie: Tie) -> Work:
     action = REMOVE if gone else REFIT if tie.given else ADD
     before = replace(work, unmet=(*work.unmet, finding))
     effect = CrossAxis(other, tie.given if gone else tie.value)
-    return drafted(before, work, action, effect, finding)
+    after = work if action == REMOVE else _louder(work, abs(tie.value - tie.given))
+    return drafted(before, after, action, effect, finding)
+
+
+def _louder(work: Work, shared: float) -> Work:
+    """A channel whose white level may be higher by what it shares: that is no finding of its own.
+
+    Two channels that leak alike to a correlation r have densities higher by r/2.
+    """
+    state = work.state
+    row = 0
+    for effect in state.effects[: given_count(state)]:
+        if isinstance(effect, WhiteNoise):
+            return work.analysed(replace(state, prior=widened(state.prior, row, shared)))
+        row += len(effect.free())
+    return work
 
 
 def explain(work: Work, log_level: float) -> Work:

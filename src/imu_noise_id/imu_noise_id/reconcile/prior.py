@@ -328,6 +328,14 @@ def without(prior: Prior, dropped: list[int]) -> Prior:
     return replace(prior, axes=block, std_error=std_error)
 
 
+def widened(prior: Prior, row: int, std_error: float) -> Prior:
+    """The prior with one more reason for one of its parameters to differ."""
+    covariance = (prior.axes * prior.std_error**2) @ prior.axes.T
+    covariance[row, row] += std_error**2
+    variance, axes = np.linalg.eigh(covariance)
+    return replace(prior, axes=axes, std_error=np.sqrt(np.maximum(variance, 1e-8)))
+
+
 def map_fit(
     effects: tuple[Effect, ...], ordinates: Ordinates, prior: Prior, floor: float = 0.0
 ) -> MapFit:

@@ -82,7 +82,7 @@ def test_outliers_give_back_rate_and_scale(noise: np.ndarray) -> None:
 
 def test_a_burst_gives_back_window_and_ratio(noise: np.ndarray) -> None:
     loud = VarianceChange(50.0, 80.0, 2.0).apply(noise, TIME, DT, np.random.default_rng(0))
-    first, last, ratio, gain = variance_scan(loud)
+    first, last, ratio, gain, _ = variance_scan(loud)
     assert first * DT == pytest.approx(50.0, abs=2.0)
     assert last * DT == pytest.approx(80.0, abs=2.0)
     assert ratio == pytest.approx(2.0, rel=0.1)

@@ -3,7 +3,7 @@
 import numpy as np
 from imu_noise_id.model import ChannelModel
 from imu_noise_id.model_file import typed_effect
-from imu_noise_id.reconcile.explain import quieten
+from imu_noise_id.reconcile.explain import quieten, to_the_sample
 from imu_noise_id.reconcile.state import analyse
 from imu_noise_id.reconcile.work import initial_state
 
@@ -44,3 +44,12 @@ def test_what_is_slow_stays_as_it_is():
     off = quieten(analysis, BURST.start, BURST.stop, RATIO) - slow
     blocks = off[BURST].reshape(-1, BLOCK).mean(axis=1)
     assert np.abs(blocks).max() < 5.0 / np.sqrt(BLOCK) * np.sqrt(RATIO)
+
+
+def test_jumps_found_in_blocks_move_to_their_samples():
+    edges = np.array([1_300, 2_950, 4_015, 7_777])
+    level = (np.searchsorted(edges, np.arange(10_000), side="right") % 2).astype(float)
+    coarse = np.repeat(level.reshape(-1, 100).mean(axis=1) > 0.5, 100).astype(float)
+    noisy = level - 0.5 + 0.1 * np.random.default_rng(2).standard_normal(level.size)
+    assert np.count_nonzero(coarse != level) > 50
+    assert np.array_equal(to_the_sample(coarse, noisy, 100), level)
