@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import subprocess
 import sys
 import time
 from collections import Counter
@@ -48,6 +49,8 @@ from scipy.special import ndtr  # noqa: E402
 from scipy.stats import chi2  # noqa: E402
 
 CLEAR_NATS, HALF_NATS = 30.0, 15.0
+SOUGHT_NATS = {"periodic": 12.0, "narrow_band": 7.0, "variance_change": 7.0}
+"""What the search over places costs anyone, beyond a known place: see what can be seen."""
 POWER_NATS = (7.5, 60.0, 120.0)
 POWER_KINDS = ("periodic", "narrow_band", "gauss_markov", "bias_step", "variance_change")
 PAIRS = (
@@ -88,6 +91,7 @@ GNSS = Setting(("position.east", "position.north", "position.up"), 10.0, 3600.0)
 SETTINGS = {
     "clear": Setting(TWO),
     "half": Setting(TWO),
+    "sought": Setting(TWO),
     "power": Setting(TWO),
     "typed": Setting(TWO, typed=True),
     "typed half": Setting(TWO, typed=True),
@@ -159,7 +163,17 @@ def loud_simulator(sensor_seed: int, folder: Path) -> NoiseModel:
     return load_model(file)
 
 
-def run_one(task: Task, folder: Path) -> dict[str, Any]:
+def commit() -> str:
+    """Of the code that runs; with a + where it has been changed since."""
+    words = ("git", "-C", str(ROOT), "describe", "--always", "--dirty=+", "--exclude", "*")
+    return subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip()
+
+
+def run_one(task: Task, folder: Path, code: str) -> dict[str, Any]:
+    return {**_run(task, folder), "commit": code}
+
+
+def _run(task: Task, folder: Path) -> dict[str, Any]:
     section, kind, nats, seed = task
     if section == "own form":
         return run_own_form(kind, nats, seed)
@@ -286,7 +300,7 @@ def tasks(runs: int, controls: int, only: Iterable[str], first_seed: int) -> lis
         "typed nothing": (controls / 4, ("nothing",), (0.0,)),
         "clear": (runs, hidden.KINDS, (CLEAR_NATS,)),
         "six": (runs / 20, hidden.KINDS, (CLEAR_NATS,)),
-        "half": (runs / 2, graded, (HALF_NATS,)),
+        "half": (runs, graded, (HALF_NATS,)),
         "typed": (runs / 2, graded, (CLEAR_NATS,)),
         "typed half": (runs / 4, graded, (HALF_NATS,)),
         "gnss": (runs / 4, alone, (CLEAR_NATS,)),
@@ -297,14 +311,17 @@ def tasks(runs: int, controls: int, only: Iterable[str], first_seed: int) -> lis
         "own form": (0.75 * runs, hidden.OWN_FORMS, (4.0 * CLEAR_NATS,)),
         "power": (runs / 4, POWER_KINDS, POWER_NATS),
     }
+    for kind, more in SOUGHT_NATS.items():
+        sections[f"sought per {kind}"] = (runs, (kind,), (HALF_NATS + more,))
     wanted = set(only) or set(sections)
     ordered: list[tuple[float, Task]] = []
     for name, (count, kinds, strengths) in sections.items():
-        if name in wanted:
+        if name in wanted or name.split()[0] in wanted:
             many = int(np.ceil(count))
             cells = product(range(many), kinds, strengths)
             ordered += [
-                ((s + 1) / many, (name, kind, nats, first_seed + s)) for s, kind, nats in cells
+                ((s + 1) / many, (name.split(" per")[0], kind, nats, first_seed + s))
+                for s, kind, nats in cells
             ]
     return [task for _, task in sorted(ordered, key=lambda pair: pair[0])]
 
@@ -348,6 +365,7 @@ SECTIONS = (
     ("clear", f"Clearly present ({CLEAR_NATS:g} nats), two channels, identified model"),
     ("six", f"Clearly present ({CLEAR_NATS:g} nats), six channels, identified model"),
     ("half", f"Half that strength ({HALF_NATS:g} nats), two channels, identified model"),
+    ("sought", "Half that strength beyond what the search over places costs, two channels"),
     ("typed", f"Clearly present ({CLEAR_NATS:g} nats), two channels, typed model"),
     ("typed half", f"Half that strength ({HALF_NATS:g} nats), two channels, typed model"),
     ("gnss", f"GNSS positions, 10 Hz, 1 h ({CLEAR_NATS:g} nats), identified model"),
@@ -472,7 +490,7 @@ def _second(lines: list[dict[str, Any]]) -> str:
     )
 
 
-CONFUSED = ("clear", "six", "half", "typed", "typed half", "outside")
+CONFUSED = ("clear", "six", "half", "sought", "typed", "typed half", "outside")
 
 
 def _confusion(lines: list[dict[str, Any]]) -> str:
@@ -513,7 +531,8 @@ def main() -> None:
     wanted = tasks(options.runs, options.controls, options.only, options.first_seed)
     left = [t for t in wanted if t not in done]
     options.results.parent.mkdir(parents=True, exist_ok=True)
-    one = partial(run_one, folder=options.results.parent / "study_reconcile_models")
+    models = options.results.parent / "study_reconcile_models"
+    one = partial(run_one, folder=models, code=commit())
     stop = time.monotonic() + 60.0 * options.minutes
     with ProcessPoolExecutor(options.workers) as pool, options.results.open("a") as file:
         for start in range(0, len(left), 4 * options.workers):
