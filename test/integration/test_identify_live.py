@@ -162,6 +162,10 @@ def test_publishers_that_come_go_double_or_send_something_else_are_named(
     wrong = listener.node.create_publisher(TwistStamped, "/imu/data", 10)
     listener.until(lambda: "geometry_msgs/msg/TwistStamped" in said(heard), "the wrong type")
     listener.node.destroy_publisher(wrong)
+    listener.node.create_publisher(TwistStamped, "/imu/mag", 10)
+    listener.until(
+        lambda: "geometry_msgs/msg/TwistStamped" in said(heard, "/imu/mag"), "the wrong field"
+    )
     first = imu_sender(listener)
     for k in range(10):
         sender = listener.node.create_publisher(Imu, "/imu/data", 10)

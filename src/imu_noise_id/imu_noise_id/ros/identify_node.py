@@ -244,6 +244,8 @@ class IdentifyNode(Node):
             if request.topics and stream.receiver.topic not in request.topics:
                 continue
             forgotten += self._forget(kind)
+        if not any(buffer.size for buffer in self._buffers.values()):
+            self._found = None
         response.success = True
         response.message = f"{forgotten} samples of {', '.join(request.topics or topics)} forgotten"
         return response
@@ -258,7 +260,7 @@ class IdentifyNode(Node):
         for kind, stream in self._streams.items():
             if stream.receiver.look():
                 self._forget(kind)
-            if kind != "imu" and not (stream.receiver.publishers or stream.watch.received):
+            if kind != "imu" and not stream.known:
                 continue
             found = stream.status(self.get_name(), now_ns)
             buffered = f"{self._buffers[kind].buffered_s:.1f}"

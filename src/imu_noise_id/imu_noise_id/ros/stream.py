@@ -50,6 +50,12 @@ class Stream:
         self.watch = StreamWatch()
         self.diagnosis = StreamDiagnosis()
 
+    @property
+    def known(self) -> bool:
+        """Whether anybody publishes the topic, has, or offers another type under its name."""
+        receiver = self.receiver
+        return bool(receiver.publishers or self.watch.received or receiver.complaints)
+
     def take(self) -> tuple[Decoded, Stamps] | None:
         """What has come since the last call, decoded, and when; None where nothing has."""
         data, log_ns = self._data, self._log_ns

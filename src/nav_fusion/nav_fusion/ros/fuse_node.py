@@ -296,7 +296,7 @@ class FuseNode(Node):
         for kind, stream in self._streams.items():
             if stream.receiver.look():
                 stream.reset()
-            if kind == "imu" or stream.receiver.publishers or stream.watch.received:
+            if kind == "imu" or stream.known:
                 statuses.append(stream.status(self.get_name(), now_ns))
         statuses.append(self._filter_diagnosis())
         self._diagnostics.publish(array(statuses, self.get_clock().now().nanoseconds))
