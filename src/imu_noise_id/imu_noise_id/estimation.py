@@ -12,6 +12,7 @@ from scipy import fft
 from imu_noise_id.ambiguity import equal_names, upper_bounds
 from imu_noise_id.contamination import Contamination, find_contamination
 from imu_noise_id.courses import Explained, explain
+from imu_noise_id.dither import dithered
 from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.gaps import draw_missing, interpolate, roughly_filled
@@ -143,16 +144,18 @@ def _analyse_mended(
     heat = None if temperature is None else temperature[:size]
     known = (series.start_s, heat, _unseen(observed))
     if observed.all():
-        return _analyse(values, dt, contamination.floor, *known)
+        whole, added = dithered(values, dt, rng)
+        return _analyse(whole, dt, contamination.floor + added, *known)
     filled = roughly_filled(values, observed, rng)
     for _ in range(_draws(observed)):
         grid = ordinates(cosine_coefficients(filled), dt)
         smooth = select(without_peaks(grid), contamination.floor, (), SMOOTH)
         filled = _redrawn(values, observed, filled, smooth, 0.0, rng)
-    analysis = _analyse(filled, dt, contamination.floor, *known)
+    filled, added = dithered(filled, dt, rng)
+    analysis = _analyse(filled, dt, contamination.floor + added, *known)
     course = analysis.deterministic(size, dt)
-    filled = _redrawn(values, observed, filled, analysis.explained.fit, course, rng)
-    return _analyse(filled, dt, contamination.floor, *known)
+    filled = _redrawn(filled, observed, filled, analysis.explained.fit, course, rng)
+    return _analyse(filled, dt, contamination.floor + added, *known)
 
 
 def _unseen(observed: Mask) -> float:

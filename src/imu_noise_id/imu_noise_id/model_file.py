@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from imu_noise_id.effects import CATALOGUE
+from imu_noise_id.effects import CATALOGUE, kind_of
 from imu_noise_id.effects.base import Effect, Parameter
 from imu_noise_id.files import write_text
 from imu_noise_id.model import (
@@ -163,7 +163,7 @@ def typed_effect(
     name: str, channel_name: str, values: dict[str, float | str], note: str = ""
 ) -> FittedEffect:
     """Return an effect of given values without intervals, as a hand-typed file gives it."""
-    kind = CATALOGUE[name]
+    kind = kind_of(name, values)
     unit = unit_of(channel_name)
     estimates = tuple(
         Estimate(values[p.name], None, None, None, p.unit_for(unit)) for p in kind.parameters
@@ -268,10 +268,11 @@ def _read_effect(node: Node, channel_name: str, one_sided: bool) -> FittedEffect
     name = keys["name"].text("'name'")
     if name not in CATALOGUE:
         raise keys["name"].error(f"unknown effect '{name}': known are {', '.join(CATALOGUE)}")
-    kind = CATALOGUE[name]
     if "parameters" not in keys:
-        wanted = ", ".join(p.name for p in kind.parameters)
+        wanted = ", ".join(p.name for p in CATALOGUE[name].parameters)
         raise node.error(f"{name} without 'parameters' ({wanted})")
+    tree = keys["parameters"].value
+    kind = kind_of(name, tree if isinstance(tree, dict) else ())
     estimates = _read_parameters(keys["parameters"], kind, channel_name)
     if _one_sided(keys, one_sided) and name == "white_noise":
         estimates = [_to_two_sided(estimate) for estimate in estimates]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from imu_noise_id.effects.averaging import Averaging
-from imu_noise_id.effects.bandwidth_limit import BandwidthLimit
+from imu_noise_id.effects.bandwidth_limit import BandwidthLimit, DigitalBandwidthLimit
 from imu_noise_id.effects.base import Effect, ResponseEffect, StochasticEffect
 from imu_noise_id.effects.bias_instability import BiasInstability
 from imu_noise_id.effects.gauss_markov import GaussMarkov
@@ -38,7 +38,11 @@ LEAST_GAIN = 0.1
 SLOW: tuple[type[StochasticEffect], ...] = (RateRandomWalk, BiasInstability, GaussMarkov)
 SMOOTH: tuple[type[StochasticEffect], ...] = (*SLOW, Quantization, WhiteNoise)
 SOURCES: tuple[type[StochasticEffect], ...] = (*SMOOTH, NarrowBand)
-RESPONSES: tuple[type[ResponseEffect], ...] = (Averaging, BandwidthLimit)
+RESPONSES: tuple[type[ResponseEffect], ...] = (
+    Averaging,
+    BandwidthLimit,
+    DigitalBandwidthLimit,
+)
 LEAST_EFFECTS = 1
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from imu_noise_id.effects.bandwidth_limit import BandwidthLimit, DigitalBandwidthLimit
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.errors import InputError
 from imu_noise_id.model import (
@@ -17,9 +18,10 @@ from imu_noise_id.model import (
     TemperatureCourse,
     UpperBound,
 )
-from imu_noise_id.model_file import load_model, save_model
+from imu_noise_id.model_file import effect_tree, load_model, save_model
 
 GYRO = "angular_velocity.x"
+LOW_PASS = "      - {{name: bandwidth_limit, parameters: {{{}}}}}\n"
 
 
 def _write(folder: Path, text: str) -> Path:
@@ -152,6 +154,7 @@ WRONG = [
     (_typed(EFFECT) + "    bounds: [{name: white_noise}]\n", 7, "parameter"),
     (_typed(EFFECT) + "temperature: {time_s: [0, 1], temperature_degc: [20]}\n", 7, "as many"),
     (_typed(EFFECT) + "notes: !!python/object/apply:os.system [echo]\nx: 1\n", 8, "unknown key"),
+    (_typed(LOW_PASS.format("cutoff_hz: 30, digital: 0")), 5, "'digital' is 1, or left out"),
     ("format: two\n  \n  lines\n", 1, "not model/1"),
     ("a: &a [1]\nb: *a\n", 2, "aliases"),
     ("[" * 40 + "]" * 40, 1, "nested"),
@@ -169,6 +172,20 @@ def test_what_is_wrong_is_named_with_file_and_line(
     assert "\n" not in message
     assert message.startswith(f"{path}, line {line}: " if line else f"{path}: ")
     assert says in message
+
+
+def test_a_digital_low_pass_comes_back_as_one_and_the_other_form_as_itself(tmp_path: Path) -> None:
+    numbers = "cutoff_hz: 30.1, order: 2, damping: 0.7"
+    text = _typed("".join(LOW_PASS.format(numbers + more) for more in (", digital: 1", "")))
+    model = load_model(_write(tmp_path, text))
+    digital, other = (fitted.effect for fitted in model.channels[0].effects)
+    assert (digital, other) == (DigitalBandwidthLimit(30.1, 2, 0.7), BandwidthLimit(30.1, 2, 0.7))
+    save_model(model, tmp_path / "again.yaml")
+    again = load_model(tmp_path / "again.yaml")
+    assert again.channels[0].effects == model.channels[0].effects
+    assert list(effect_tree(model.channels[0].effects[1])["parameters"]) == [
+        *("cutoff_hz", "order", "damping")
+    ]
 
 
 def test_a_missing_file_a_folder_and_a_binary_file_get_one_line(tmp_path: Path) -> None:

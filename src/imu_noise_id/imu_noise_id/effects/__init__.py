@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
+from collections.abc import Collection
 
 from imu_noise_id.effects.base import Effect
 
@@ -21,3 +22,15 @@ def _collect() -> dict[str, type[Effect]]:
 
 
 CATALOGUE: dict[str, type[Effect]] = _collect()
+
+
+def kind_of(name: str, given: Collection[str]) -> type[Effect]:
+    """Return the kind of a name that has the given parameters.
+
+    Most names are one class; a realisation that needs a parameter more is a subclass, which shares
+    the name.  The class of the catalogue where none has them all, for its reader to say so.
+    """
+    kind = CATALOGUE[name]
+    realisations = (kind, *kind.__subclasses__())
+    fitting = (k for k in realisations if {p.name for p in k.parameters}.issuperset(given))
+    return next(fitting, kind)

@@ -12,6 +12,10 @@ from imu_noise_id.ordinates import Residual
 from imu_noise_id.recording import Floats
 
 ALIASES = 3
+HIGHEST = 0.45
+"""Corner of a digital filter, as a part of the sample rate, up to which it is told from white."""
+FLOOR = 1e-12
+"""Least power response of a digital filter, whose logarithm has no end at half the rate."""
 
 
 @dataclass(frozen=True)
@@ -96,3 +100,51 @@ class BandwidthLimit(ResponseEffect):
         law0, by_cutoff0, by_damping0 = self._folded(np.zeros(1), sample_time_s)
         rows = (by_cutoff / law - by_cutoff0 / law0, by_damping / law - by_damping0 / law0)
         return np.stack(rows[: len(self.free())])
+
+
+@dataclass(frozen=True)
+class DigitalBandwidthLimit(BandwidthLimit):
+    """The same low pass as a digital filter at the sample rate, by Tustin's transform.
+
+    |H|^2 as before with u = tan(pi f dt)/tan(pi f_c dt) (Oppenheim and Schafer): nothing folds, the
+    corner stays at f_c, and the response ends in a zero at half the rate.  Its name, as its cutoff,
+    order and damping, is that of the other form; ``digital`` tells them apart in files.
+
+    Attributes
+    ----------
+    digital : float
+        1.
+    """
+
+    digital: float = 1.0
+
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        *BandwidthLimit.parameters,
+        Parameter("digital", "1", False, "1: a digital filter at the sample rate", estimated=False),
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse what is not this form."""
+        if self.digital != 1.0:
+            raise ValueError("'digital' is 1, or left out of a filter that acts before sampling")
+
+    def limits(self, sample_time_s: float, duration_s: float) -> tuple[tuple[float, float], ...]:
+        """Cutoffs up to ``HIGHEST`` of the rate: beyond, only ordinates beside the zero show it."""
+        (low_hz, high_hz), *others = super().limits(sample_time_s, duration_s)
+        return ((low_hz, HIGHEST * high_hz), *others)
+
+    @classmethod
+    def starts(cls, residual: Residual) -> tuple[ResponseEffect, ...]:
+        """Corners for a scan, those within the limits."""
+        highest_hz = HIGHEST / residual.ordinates.sample_time_s
+        corners = (e for e in super().starts(residual) if isinstance(e, cls))
+        return tuple(e for e in corners if e.cutoff_hz < highest_hz)
+
+    def _folded(self, frequency_hz: Floats, sample_time_s: float) -> tuple[Floats, ...]:
+        """``_law`` at the warped frequency, floored."""
+        corner = float(np.tan(np.pi * min(self.cutoff_hz * sample_time_s, 0.4999)))
+        angle = np.pi * np.minimum(np.abs(frequency_hz) * sample_time_s, 0.5 - 1e-9)
+        law, by_warped, by_damping = self._law(np.tan(angle) * (self.cutoff_hz / corner))
+        # d(log tan x)/d(log x) = 2 x/sin 2x
+        turn = 2.0 * np.pi * self.cutoff_hz * sample_time_s
+        return law + FLOOR, by_warped * (turn / float(np.sin(turn))), by_damping

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import gammaincc
 
+from imu_noise_id.dither import dithered
 from imu_noise_id.effects.base import Effect, TransportEffect
 from imu_noise_id.effects.held_samples import HeldSamples
 from imu_noise_id.effects.outliers import Outliers
@@ -111,7 +112,7 @@ def _skips(model: ChannelModel, work: Work) -> frozenset[str]:
 
 def _coarse(state: State) -> frozenset[str]:
     """Rounding that shows in the distribution even under the right model."""
-    step = float(np.sqrt(12.0 * state.floor / state.sample_time_s))
+    step = float(np.sqrt(12.0 * (state.floor - state.dither) / state.sample_time_s))
     spread = float(np.sqrt(0.5 * np.mean(np.diff(state.values) ** 2)))
     return frozenset({"kurtosis", "extreme"}) if step > COARSE * spread else frozenset()
 
@@ -135,7 +136,9 @@ def _state(
         regressor_s = (regressor.stamp_ns - recording.start_ns) * 1e-9
         time_s = start_s + dt * np.arange(values.size)
         temperature = np.interp(time_s, regressor_s, regressor.values)
-    return initial_state(model, values, dt, start_s, temperature, hold)
+    values, dither = dithered(values, dt, rng)
+    state = initial_state(model, values, dt, start_s, temperature, hold)
+    return replace(state, floor=state.floor + dither, dither=dither)
 
 
 def _fast_sigma(values: Floats, missing: np.ndarray) -> float:
@@ -175,7 +178,8 @@ def _settle(
             after = replace(after, hold=factor, null=null).analysed(state)
         elif change.effect.name == "output_rounding":
             floor = OutputRounding(step).added_psd(work.state.sample_time_s) if step else 0.0
-            after = after.analysed(replace(work.state, floor=floor))
+            rounded = replace(work.state, floor=floor + work.state.dither)
+            after = after.analysed(rounded)
             after = replace(after, skip=work.skip | _coarse(after.state))
         elif change.effect.name == "saturation":
             after = _unclip(after, change.effect, rng)

@@ -62,7 +62,9 @@ class State:
     prior : Prior
     columns : tuple of Column
     floor : float
-        White spectrum of the rounding, unit^2/Hz.
+        White spectrum of the rounding and of the dither, unit^2/Hz.
+    dither : float
+        Of the dither alone (``dither.py``).
     """
 
     values: Floats
@@ -73,6 +75,7 @@ class State:
     prior: Prior
     columns: tuple[Column, ...] = ()
     floor: float = 0.0
+    dither: float = 0.0
 
     @property
     def time_s(self) -> Floats:

@@ -12,7 +12,7 @@ from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 
 from imu_noise_id.cca import Cca
-from imu_noise_id.effects import CATALOGUE
+from imu_noise_id.effects import CATALOGUE, kind_of
 from imu_noise_id.live import ChannelFindings, Findings
 from imu_noise_id.model import (
     ChannelModel,
@@ -294,7 +294,7 @@ def _to_effect(message: noise.Effect) -> FittedEffect | None:
         raise ValueError(f"there is no effect '{message.name}'")
     if not all(p.value_known or p.text for p in message.parameters):
         return None
-    kind = CATALOGUE[message.name]
+    kind = kind_of(message.name, [p.name for p in message.parameters])
     whole = {f.name for f in dataclasses.fields(kind) if f.type in ("int", int)}
     values: dict[str, Any] = {
         p.name: p.text or (round(p.value) if p.name in whole else p.value)

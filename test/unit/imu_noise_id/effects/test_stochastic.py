@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from imu_noise_id.effects.averaging import Averaging
-from imu_noise_id.effects.bandwidth_limit import BandwidthLimit
+from imu_noise_id.effects.bandwidth_limit import BandwidthLimit, DigitalBandwidthLimit
 from imu_noise_id.effects.base import ResponseEffect, StochasticEffect
 from imu_noise_id.effects.bias_instability import BiasInstability
 from imu_noise_id.effects.gauss_markov import GaussMarkov
@@ -16,6 +16,7 @@ from imu_noise_id.effects.rate_random_walk import RateRandomWalk
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.ordinates import Ordinates, Residual
 from numpy.testing import assert_allclose
+from scipy.signal import butter, freqz
 
 DT = 0.01
 STOCHASTIC = [
@@ -31,6 +32,8 @@ RESPONSES = [
     Averaging(0.055),
     BandwidthLimit(20.0, 1),
     BandwidthLimit(20.0, 2, 0.3),
+    DigitalBandwidthLimit(20.0, 1),
+    DigitalBandwidthLimit(40.0, 2, 0.3),
 ]
 
 
@@ -149,6 +152,14 @@ def test_bandwidth_limit_is_the_folded_filter() -> None:
     u2 = (aliases / 20.0) ** 2
     folded = np.sum(1.0 / ((1 - u2) ** 2 + 4 * 0.16 * u2), axis=1)
     assert_allclose(effect.power_response(f, DT), folded / folded[0], rtol=1e-3)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_digital_bandwidth_limit_is_tustins_filter(order: int) -> None:
+    f = np.array([0.0, 10.0, 30.0, 49.0])
+    _, gain = freqz(*butter(order, 30.0, fs=100.0), worN=f, fs=100.0)
+    response = DigitalBandwidthLimit(30.0, order).power_response(f, DT)
+    assert_allclose(response, np.abs(gain) ** 2, rtol=1e-6)
 
 
 def test_applying_a_response_gives_white_noise_its_spectrum() -> None:

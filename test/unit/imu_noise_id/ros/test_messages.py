@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from imu_noise_id.effects.bandwidth_limit import DigitalBandwidthLimit
 from imu_noise_id.effects.gauss_markov import GaussMarkov
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.live import ChannelFindings, Findings, Span
@@ -16,6 +17,15 @@ SLOW = FittedEffect(
     GaussMarkov(1e-4, 300.0),
     (Estimate(1e-4, 1e-5, 0.8e-4, 1.2e-4, "rad/s"), Estimate(300.0, None, None, None, "s")),
     "between gauss_markov and rate_random_walk",
+)
+
+
+DIGITAL = FittedEffect(
+    DigitalBandwidthLimit(30.1, 2, 0.7),
+    tuple(
+        Estimate(v, None, None, None, u)
+        for v, u in ((30.1, "Hz"), (2.0, "1"), (0.7, "1"), (1.0, "1"))
+    ),
 )
 
 
@@ -38,7 +48,7 @@ def found(*effects: FittedEffect) -> Findings:
 
 
 def test_a_model_comes_back_to_the_last_bit() -> None:
-    given = found(WHITE, SLOW)
+    given = found(WHITE, SLOW, DIGITAL)
     again = to_model(model_message(given))
     (channel,), (expected,) = again.channels, given.model.channels
     assert np.array_equal(channel.log_covariance, expected.log_covariance)
