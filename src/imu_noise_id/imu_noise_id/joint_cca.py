@@ -8,8 +8,9 @@ gives away by chance, in those means and in the whole:
     x1' = A1 x1 + K1 (C2 x2 + e),   x2' = A2 x2 + K2 e,   y = C1 x1 + C2 x2 + e.
 
 A state of block means with pole a becomes one of samples with pole a^(1/block) and the same gain at
-zero frequency, I + C (1 - a)^-1 K.  Up to ``WHOLE_ROWS`` samples the whole model is then refined by
-likelihood; longer records keep what their block means and leading samples say.
+zero frequency, I + C (1 - a)^-1 K.  The whole model is then refined by likelihood.  Of a record of
+more than ``WHOLE_ROWS`` samples the block means are modelled so, without pairs (a vibration would
+be folded), and the model is brought to the rate of the samples in the same way.
 """
 
 from __future__ import annotations
@@ -32,11 +33,12 @@ from imu_noise_id.canonical_variates import (
 from imu_noise_id.chance import gain_by_chance
 from imu_noise_id.recording import Floats, Mask
 from imu_noise_id.series import Series
+from imu_noise_id.spectrum import block_means
 
 JOINT_ROWS = 1 << 17
 """Rows at most from which correlations are taken and a new state is fitted."""
 WHOLE_ROWS = 1 << 20
-"""Samples up to which the whole model is refined."""
+"""Rows at most that are modelled: samples, or block means of a longer record."""
 MOST_STATES = 6
 SCALES_TRIED = 3
 """Scales whose states are fitted, the highest above chance first."""
@@ -73,33 +75,64 @@ def joint(channels: tuple[Series, ...], order: int | None = None) -> Joint:
     ValueError
         When too few samples were observed on all channels, or one is constant.
     """
-    observed = np.logical_and.reduce([channel.observed for channel in channels])
-    if observed.sum() < SHORTEST * len(channels):
-        raise ValueError(f"{int(observed.sum())} samples observed on all channels are too few")
-    values = np.stack([centred(channel.values, observed) for channel in channels], axis=1)
+    values, observed, block = _rows(channels)
     sigma = np.sqrt(np.mean(values[observed] ** 2, axis=0))
     if not np.all(sigma > 0.0):
         raise ValueError("a channel is constant")
     values = values / sigma
     first = found = _search(values, observed)
-    model, rest = _white(values, observed, channels[0].sample_time_s), values
-    most = MOST_STATES if order is None else order
+    model, rest = _white(values, observed, channels[0].sample_time_s * block), values
+    most, pair = (MOST_STATES if order is None else order), 2 if block == 1 else 1
     while model.A.shape[0] < most:
-        state = _next_state(rest, observed, found, most - model.A.shape[0], order is not None)
+        room = min(pair, most - model.A.shape[0])
+        state = _next_state(rest, observed, found, room, order is not None)
         if state is None:
             break
         grown, rest = _with_state(values, observed, model, state)
         if order is None and not _likelier(grown, model, int(observed.sum())):
             break
         model, found = grown, _search(rest, observed)
+    slow = f"slow states alone, of means of {block} samples: faster ones stand in one axis's model"
     return Joint(
         order=model.A.shape[0],
         canonical_correlations=first[0].values,
         chance_level=first[0].chance_level,
         significant=first[0].excess > 1.0,
-        state_space=_in_units(model, sigma),
+        state_space=_at_samples(_in_units(model, sigma), block),
         rows=first[0].rows,
-        block=first[0].block,
+        block=first[0].block * block,
+        notes=() if block == 1 else (slow,),
+    )
+
+
+def _rows(channels: tuple[Series, ...]) -> tuple[Floats, Mask, int]:
+    """Centred samples, or means of blocks of a long record, (n, d); which count; the block."""
+    observed = np.logical_and.reduce([channel.observed for channel in channels])
+    if observed.sum() < SHORTEST * len(channels):
+        raise ValueError(f"{int(observed.sum())} samples observed on all channels are too few")
+    block = 1
+    while observed.size > block * WHOLE_ROWS:
+        block *= SCALE
+    means = [
+        block_means(Series(centred(channel.values, observed), observed, 1.0), block)
+        for channel in channels
+    ]
+    return np.stack([mean.values for mean in means], axis=1), means[0].observed, block
+
+
+def _at_samples(model: StateSpace, block: int) -> StateSpace:
+    """Model of block means at the rate of the samples: A^(1/block), the same density at zero."""
+    if block == 1 or not model.A.size:
+        fine, K = model.A, model.K
+    else:
+        poles, vectors = np.linalg.eig(model.A.astype(complex))
+        poles = np.where((poles.imag == 0.0) & (poles.real < 0.0), -poles, poles)
+        root = np.diag(poles ** (1.0 / block))
+        fine = np.real(vectors @ root @ np.linalg.inv(vectors))
+        one = np.eye(fine.shape[0])
+        K = (one - fine) @ np.linalg.solve(one - model.A, model.K)
+    return StateSpace(
+        fine, model.C, K, model.innovation_covariance * block, model.sample_time_s / block
     )
 
 
@@ -128,8 +161,7 @@ def _next_state(
     means of other blocks are other data.
     """
     best, most = None, -np.inf
-    leading, seen = rest[:WHOLE_ROWS], observed[:WHOLE_ROWS]
-    for order in range(1, min(2, room) + 1):
+    for order in range(1, room + 1):
         starts = [_start(rest, observed, scale, order) for scale in found[:SCALES_TRIED]]
         known = [start for start in starts if start is not None]
         if not known:
@@ -140,8 +172,8 @@ def _next_state(
         finer = _finer(state, start.block)
         if finer is None or (gain < price and not forced):
             continue
-        left = joint_innovations.residuals(leading, seen, finer.A, finer.C, finer.K)
-        net = _gain(leading, seen, _covariance(left, seen)) - price
+        left = joint_innovations.residuals(rest, observed, finer.A, finer.C, finer.K)
+        net = _gain(rest, observed, _covariance(left, observed)) - price
         if net > most:
             best, most = finer, net
     return best
@@ -216,8 +248,7 @@ def _with_state(
     none = np.zeros((state.A.shape[0], model.A.shape[0]))
     A = np.block([[model.A, model.K @ state.C], [none, state.A]])
     C, K = np.hstack((model.C, state.C)), np.vstack((model.K, state.K))
-    if values.shape[0] <= WHOLE_ROWS:
-        A, C, K, _ = joint_innovations.maximise(values, observed, A, C, K, STEPS)
+    A, C, K, _ = joint_innovations.maximise(values, observed, A, C, K, STEPS)
     rest = joint_innovations.residuals(values, observed, A, C, K)
     return StateSpace(A, C, K, _covariance(rest, observed), model.sample_time_s), rest
 

@@ -64,6 +64,24 @@ def test_one_axis_at_a_time_tells_the_story_of_the_joint_model():
         assert allan_distance(measured.deviation, ours, dof) < 0.1
 
 
+def test_a_long_record_is_modelled_by_its_block_means(monkeypatch):
+    """At the rate of the samples again: the same pole, density and Allan curve."""
+    rng = np.random.default_rng(25)
+    slow = gauss_markov(60_000, 10.0, 0.1, rng)
+    columns = [share * slow + rng.standard_normal(slow.size) for share in (1.0, -0.7, 0.5)]
+    whole = together(columns)
+    monkeypatch.setattr("imu_noise_id.joint_cca.WHOLE_ROWS", 20_000)
+    found = together(columns)
+    assert "means of 4 samples" in found.notes[0]
+    assert found.order == whole.order == 1
+    assert found.state_space.sample_time_s == 0.01
+    assert found.state_space.A[0, 0] == pytest.approx(whole.state_space.A[0, 0], abs=2e-4)
+    m = np.array([1, 10, 100, 1000, 10_000])
+    for axis in range(3):
+        both = [axis_allan_deviation(one.state_space, axis, m) for one in (found, whole)]
+        np.testing.assert_allclose(*both, rtol=0.03)
+
+
 def test_axes_with_a_slow_state_each_take_three():
     rng = np.random.default_rng(22)
     columns = [

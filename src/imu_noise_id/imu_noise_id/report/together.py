@@ -30,7 +30,7 @@ def together_section(sensor: AxesTogether, results: Sequence[ChannelResult]) -> 
     title = QUANTITIES.get(quantity, quantity)
     return Section(
         f"{title[:1].upper() + title[1:]}: axes together",
-        (_states(sensor, alone), _distances(sensor, alone)),
+        (_states(sensor, alone), _distances(sensor, alone), *_remarks(sensor)),
         (),
         tuple(_tables(sensor, alone[0].channel.unit)),
         verdict=f"{sensor.model.order} state{'' if sensor.model.order == 1 else 's'}",
@@ -50,6 +50,10 @@ def _states(sensor: AxesTogether, alone: Sequence[ChannelResult]) -> str:
     if 0 < model.order < sum(orders):
         text += " Axes share states: what drives them is common to the sensor."
     return text
+
+
+def _remarks(sensor: AxesTogether) -> list[str]:
+    return [f"{note[:1].upper()}{note[1:]}." for note in sensor.model.notes]
 
 
 def _distances(sensor: AxesTogether, alone: Sequence[ChannelResult]) -> str:
