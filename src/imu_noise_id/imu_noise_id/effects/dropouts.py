@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from imu_noise_id.effects.base import Parameter, TransportEffect
 from imu_noise_id.recording import Floats, Stamps
+from imu_noise_id.stamps import cells
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,13 @@ class Dropouts(TransportEffect):
 
 
 def gap_lengths(stamp_ns: Stamps, rate_hz: float) -> NDArray[np.int64]:
-    """Number of messages missing in each gap, in order; empty where none is missing."""
-    steps = np.rint(np.diff(stamp_ns) * (1e-9 * rate_hz)).astype(np.int64)
-    return steps[steps > 1] - 1
+    """Number of messages missing in each gap, in order; empty where none is missing.
+
+    By the samples' cells: a late stamp makes one interval long and the next short, a lost message
+    moves all that follow.
+    """
+    missing = np.diff(cells(stamp_ns, 1e9 / rate_hz)) - 1
+    return missing[missing > 0]
 
 
 def dropout_parameters(stamp_ns: Stamps, rate_hz: float) -> tuple[float, float]:

@@ -34,3 +34,20 @@ def test_dropouts_give_back_rate_and_length() -> None:
     assert rate == pytest.approx(0.5, rel=0.3)
     assert length_s == pytest.approx(0.06, rel=0.3)
     assert dropout_parameters(in_ns(STAMPS), RATE_HZ) == (0.0, 0.0)
+
+
+def test_late_stamps_are_no_lost_messages() -> None:
+    rng = np.random.default_rng(2)
+    late = np.clip(rng.laplace(0.0, 3e-4, STAMPS.size), -2e-3, 2e-3)
+    stamps = STAMPS + late
+    assert np.any(np.diff(stamps) > 1.5 / RATE_HZ)
+    assert dropout_parameters(in_ns(stamps), RATE_HZ) == (0.0, 0.0)
+
+
+def test_lost_messages_are_counted_among_late_stamps() -> None:
+    rng = np.random.default_rng(3)
+    late = np.clip(rng.laplace(0.0, 3e-4, STAMPS.size), -2e-3, 2e-3)
+    sent, index = Dropouts(0.5, 0.06).transport(STAMPS, 1.0 / RATE_HZ, rng)
+    lost = int(np.sum(np.diff(index) - 1))
+    rate, length_s = dropout_parameters(in_ns(sent + late[index]), RATE_HZ)
+    assert rate * STAMPS[-1] * length_s * RATE_HZ == pytest.approx(lost, abs=2.0)
