@@ -50,6 +50,8 @@ class Whitened:
     frequency_hz, ratio, dof : (b,) float64
         Binned ordinates over the modelled spectrum, with degrees of freedom.
     sample_time_s, start_s : float
+    flattest : float
+        Least excess kurtosis that the model's own noise may have, not positive.
     """
 
     samples: Floats
@@ -58,6 +60,7 @@ class Whitened:
     dof: Floats
     sample_time_s: float
     start_s: float
+    flattest: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -189,7 +192,8 @@ def _moments(record: Whitened) -> tuple[Statistic, Statistic, Statistic]:
     unit = _unit(record.samples)
     n = unit.size
     square = unit * unit
-    kurtosis = (float(np.mean(square * square)) - 3.0) / np.sqrt(24.0 / n)
+    excess = float(np.mean(square * square)) - 3.0
+    kurtosis = (excess - min(max(excess, record.flattest), 0.0)) / np.sqrt(24.0 / n)
     skewness = float(np.mean(square * unit)) / np.sqrt(6.0 / n)
     extreme = float(np.abs(record.samples).max())
     span = (0.0, extreme, "sigma")

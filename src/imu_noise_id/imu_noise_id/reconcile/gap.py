@@ -31,6 +31,7 @@ from imu_noise_id.reconcile.state import (
     analyse,
     generalised_least_squares,
     inverse_psd,
+    rounding_kurtosis,
     whiten,
 )
 from imu_noise_id.recording import Floats
@@ -165,7 +166,7 @@ def _second_half(state: State) -> tuple[Whitened, Floats]:
     bins = ordinates(coefficients, state.sample_time_s)
     inverse = inverse_psd(fitted.fit.effects, half, state.sample_time_s, state.floor)
     white = whiten(coefficients, bins, fitted.fit.spectrum.psd, inverse, second)
-    return white, _spread(fitted)
+    return replace(white, flattest=fitted.white.flattest), _spread(fitted)
 
 
 def _phases_anew(columns: tuple[Column, ...], sizes: Floats, values: Floats) -> Floats:
@@ -198,6 +199,10 @@ def _odd_samples(state: State, found: Analysis) -> tuple[Whitened, Floats]:
     k = np.rint(bins.frequency_hz * 2.0 * n * dt).astype(np.int64)
     part = replace(odd, sample_time_s=dt)
     white = whiten(coefficients, bins, 1.0 / inverse[k], inverse, part)
+    one = np.ones(1)  # of the two rounding errors in an odd sample no other odd one has any
+    gain = np.sqrt(inverse * dt)
+    flattest = rounding_kurtosis(found.fit.effects, state.sample_time_s, gain, (one, -one))
+    white = replace(white, flattest=flattest)
     spread = np.interp(bins.frequency_hz, found.ordinates.frequency_hz, _spread(found))
     return white, spread
 
