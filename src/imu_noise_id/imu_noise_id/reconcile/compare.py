@@ -20,7 +20,7 @@ from imu_noise_id.reconcile import bands
 from imu_noise_id.reconcile.battery import battery
 from imu_noise_id.reconcile.null import Null, log_p_of, z_of
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, given_effects, map_fit, without
-from imu_noise_id.reconcile.result import Where
+from imu_noise_id.reconcile.result import Where, distinct
 from imu_noise_id.reconcile.state import Analysis, Column, State, analyse
 from imu_noise_id.reconcile.steps import best_step, scan_density
 from imu_noise_id.recording import Floats
@@ -77,9 +77,9 @@ class Findings:
         return combined(self.worst.log_p, INDEPENDENT * len(self.all))
 
     def significant(self, log_level: float) -> tuple[Where, ...]:
-        """Where the findings lie that pass the level one by one, worst first."""
+        """Where the findings lie that pass the level one by one, worst first, each place once."""
         limit = log_level - np.log(INDEPENDENT * len(self.all))
-        return tuple(f.where for f in self.all if f.log_p < limit)
+        return distinct(tuple(f.where for f in self.all if f.log_p < limit))
 
 
 def combined(log_p: float, tests: float) -> float:

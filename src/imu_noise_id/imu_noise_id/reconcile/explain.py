@@ -22,10 +22,10 @@ from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.reconcile.battery import BURST_BLOCKS, band_places, band_starts
 from imu_noise_id.reconcile.compare import footings, freed_column, residual_of, with_column
-from imu_noise_id.reconcile.lines import steadied
+from imu_noise_id.reconcile.lines import line_columns, steadied, strongest_line
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, SLOW, without
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
-from imu_noise_id.reconcile.state import Analysis, Column, State, analyse, course_column
+from imu_noise_id.reconcile.state import Analysis, State, analyse, course_column
 from imu_noise_id.reconcile.steps import best_step
 from imu_noise_id.recording import Floats
 from imu_noise_id.selection import RESPONSES, SOURCES
@@ -191,34 +191,6 @@ def _responses(state: State, found: Analysis) -> list[Candidate]:
             grown = replace(state, effects=(*found.fit.effects, start))
             out.append(_candidate(ADD, start, price, found, grown))
     return out
-
-
-def line_columns(frequency_hz: float, state: State) -> tuple[Column, Column]:
-    """Cosine and sine of one line."""
-    phase = 2.0 * np.pi * frequency_hz * state.time_s
-    line = Periodic(frequency_hz, 1.0)
-    return Column(line, np.cos(phase)), Column(line, np.sin(phase))
-
-
-def strongest_line(samples: Floats, sample_time_s: float) -> float:
-    """Frequency of the largest periodogram value, refined by a parabola, Hz."""
-    n = samples.size
-    power = np.abs(fft.rfft(samples, 2 * n)) ** 2
-    power[:2] = 0.0
-    peak = 0.5 * float(np.argmax(power))
-    # about the peak on a grid of an eighth of the spacing: one turn by an eighth after the other
-    offsets = np.arange(-4, 5) / 8.0
-    turned = samples * np.exp(-2j * np.pi * (peak + offsets[0]) / n * np.arange(n))
-    eighth = np.exp(-2j * np.pi / (8.0 * n) * np.arange(n))
-    values = []
-    for _ in offsets:
-        values.append(abs(turned.sum()) ** 2)
-        turned *= eighth
-    best = int(np.clip(np.argmax(values), 1, offsets.size - 2))
-    left, middle, right = values[best - 1 : best + 2]
-    bend = left - 2.0 * middle + right
-    shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
-    return float((peak + offsets[best] + shift / 8.0) / (n * sample_time_s))
 
 
 def _lines(state: State, found: Analysis) -> list[Candidate]:

@@ -8,18 +8,22 @@ from dataclasses import replace
 
 import numpy as np
 
+from imu_noise_id.effects.base import Effect
 from imu_noise_id.effects.cross_axis import CrossAxis
+from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.reconcile.axes import Tie, ties
 from imu_noise_id.reconcile.clean import answer_hits, open_topic
 from imu_noise_id.reconcile.compare import Finding, Findings
 from imu_noise_id.reconcile.explain import (
+    MOST_PER_CHANNEL,
     PRICE_PER_PARAMETER,
     Candidate,
     candidates,
     given_count,
 )
+from imu_noise_id.reconcile.lines import harmonics, line_columns
 from imu_noise_id.reconcile.mended import channel_result, mended_model, uncompared
 from imu_noise_id.reconcile.null import z_of
 from imu_noise_id.reconcile.prior import widened
@@ -193,8 +197,25 @@ def explain(work: Work, log_level: float) -> Work:
         if best.effect.name == "random_telegraph":
             after = replace(after, skip=after.skip | {"levels"})
         after = replace(after, drafts=current.drafts)
-        trail.append((_noted(current, after, best, findings.worst, rival), after.findings))
+        noted = _with_harmonics(_noted(current, after, best, findings.worst, rival), best.effect)
+        trail.append((noted, noted.findings))
     return _pruned(_halved(trail, log_level), log_level)
+
+
+def _with_harmonics(work: Work, line: Effect) -> Work:
+    """Beside a line that was added its harmonics, a step each: what makes one makes all."""
+    if not isinstance(line, Periodic):
+        return work
+    lines = sum(isinstance(c.effect, Periodic) for c in work.state.columns) // 2
+    room = max(MOST_PER_CHANNEL["periodic"] - lines, 0)
+    for frequency_hz, log_p in harmonics(work.state, work.found, line.frequency_hz)[:room]:
+        pair = line_columns(frequency_hz, work.state)
+        after = work.analysed(replace(work.state, columns=(*work.state.columns, *pair)))
+        amplitude = float(np.hypot(*after.found.sizes[-2:]))
+        place = Where("spectrum", frequency_hz, frequency_hz, "Hz", z_of(log_p))
+        finding = Finding("line", log_p, place.z, place)
+        work = drafted(work, after, ADD, Periodic(frequency_hz, amplitude), finding)
+    return work
 
 
 def _pruned(work: Work, log_level: float) -> Work:
@@ -239,8 +260,9 @@ def _halved(trail: list[tuple[Work, Findings]], log_level: float) -> Work:
     kept = 0
     for step in range(1, len(trail)):
         before, after = trail[kept][1].worst.z, trail[step][1].worst.z
-        gap = trail[step][0].drafts[-1].held_out
-        closed = gap.gap_after - 1.0 <= 0.5 * (gap.gap_before - 1.0)
+        new = trail[step][0].drafts[len(trail[step - 1][0].drafts) :]
+        gap_before, gap_after = new[0].held_out.gap_before, new[-1].held_out.gap_after
+        closed = gap_after - 1.0 <= 0.5 * (gap_before - 1.0)
         if abs(after) > 0.5 * abs(before) or not closed:
             break
         kept = step
@@ -249,7 +271,7 @@ def _halved(trail: list[tuple[Work, Findings]], log_level: float) -> Work:
 
 def _closed(trail: list[tuple[Work, Findings]]) -> bool:
     """Whether the steps closed the gap on unseen data too: half of it, and a scatter of 0.25."""
-    before = trail[1][0].drafts[-1].held_out.gap_before
+    before = trail[1][0].drafts[len(trail[0][0].drafts)].held_out.gap_before
     after = trail[-1][0].drafts[-1].held_out.gap_after
     return after - 1.0 <= 0.5 * max(before - 1.0, 0.0) + 0.25
 

@@ -28,6 +28,7 @@ from imu_noise_id.reconcile.result import (
     Gap,
     Step,
     Where,
+    distinct,
 )
 from imu_noise_id.reconcile.work import SIZE_NAMES, Draft, Work
 from imu_noise_id.recording import Channel, Floats, Recording
@@ -48,7 +49,7 @@ def channel_result(work: Work, log_level: float) -> ChannelReconciliation:
     if work.drafts:
         first = work.drafts[0]
         log_p = min(d.log_p for d in work.drafts) + float(np.log(len(findings.all)))
-        places = tuple(sorted((d.where for d in work.drafts), key=lambda w: -abs(w.z)))
+        places = distinct(tuple(sorted((d.where for d in work.drafts), key=lambda w: -abs(w.z))))
         before = Gap(first.held_out.gap_before, float(np.exp(min(log_p, 0.0))), places)
     steps = tuple(_step(work, draft) for draft in _ordered(work.drafts))
     channel = work.channel

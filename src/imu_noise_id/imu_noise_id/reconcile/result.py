@@ -36,6 +36,15 @@ class Where:
     z: float
 
 
+def distinct(places: tuple[Where, ...]) -> tuple[Where, ...]:
+    """Places without those that repeat one before them: several statistics look at one place."""
+    first: dict[tuple[str, str, str, str], Where] = {}
+    for place in places:
+        key = (place.domain, f"{place.from_:.4g}", f"{place.to:.4g}", place.unit)
+        first.setdefault(key, place)
+    return tuple(first.values())
+
+
 @dataclass(frozen=True)
 class Gap:
     """How far recording and model are apart.

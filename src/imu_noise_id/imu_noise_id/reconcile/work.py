@@ -13,8 +13,8 @@ from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.model import ChannelModel
 from imu_noise_id.reconcile.compare import Finding, Findings, examine
-from imu_noise_id.reconcile.explain import line_columns
 from imu_noise_id.reconcile.gap import LOCAL, held_out_score, whole_score
+from imu_noise_id.reconcile.lines import line_columns
 from imu_noise_id.reconcile.null import Null
 from imu_noise_id.reconcile.prior import Prior, prior_of, spectral, unseen_drift
 from imu_noise_id.reconcile.result import HeldOut, Where

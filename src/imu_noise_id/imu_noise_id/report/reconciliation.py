@@ -67,7 +67,7 @@ def channel_sentence(channel: ChannelReconciliation) -> str:
     said = [f"{step.evidence}." for step in channel.steps]
     if channel.verdict == "unexplained":
         places = [f"{w.domain} {w.from_:.3g} to {w.to:.3g} {w.unit}" for w in channel.after.where]
-        where = f" in {', '.join(places[:3])}" if places else ""
+        where = f" in {', '.join(list(dict.fromkeys(places))[:3])}" if places else ""
         said.append(
             f"{channel_label(channel.name)}: something remains{where} that no effect of the "
             "catalogue explains."
