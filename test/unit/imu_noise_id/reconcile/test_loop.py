@@ -11,12 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from imu_noise_id.effects.bandwidth_limit import DigitalBandwidthLimit
 from imu_noise_id.identify import identify_recording
 from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.model_file import typed_effect
 from imu_noise_id.reconcile import compare_recording, reconcile_recording, reconciliation_tree
 from imu_noise_id.recording import Channel, Recording, unit_of
 from imu_noise_id.simulate import simulate_recording
+from scipy.signal import butter, lfilter
 
 from helpers import hidden_effects as hidden
 
@@ -105,6 +107,21 @@ def test_a_walk_beyond_the_models_own_bound_is_named_and_is_a_gap(model: NoiseMo
 
 def channel_of(model: NoiseModel, name: str) -> ChannelModel:
     return next(c for c in model.channels if c.name == name)
+
+
+def test_a_low_pass_in_the_sensors_own_samples_is_named_with_its_corner(model: NoiseModel) -> None:
+    recording = made("nothing", seed=6)
+    first = recording.channels[0]
+    slow = lfilter(*butter(2, 20.0, fs=RATE_HZ), first.values - first.values.mean())
+    filtered = replace(first, values=first.values.mean() + slow)
+    hidden_there = replace(recording, channels=(filtered, *recording.channels[1:]))
+    result = reconcile_recording(hidden_there, model)
+    channel = result.channel(first.name)
+    (step,) = channel.steps
+    assert (channel.verdict, step.action) == ("explained", "add")
+    assert isinstance(step.effect.effect, DigitalBandwidthLimit)
+    assert abs(step.effect.effect.cutoff_hz / 20.0 - 1.0) < 0.05
+    assert all(c.steps == () for c in result.channels if c.name != first.name)
 
 
 def test_louder_noise_is_a_refit(model: NoiseModel) -> None:
