@@ -404,9 +404,10 @@ def _attainable() -> str:
     dt = 1.0 / setting.rate_hz
     null = load_null(round(setting.duration_s * setting.rate_hz), dt)
     needed = {"known place, one parameter": 0.5 * float(chi2.isf(np.exp(limit), 1))}
-    grid = np.linspace(5.0, 40.0, 3501)
-    for name in ("band", "burst", "line"):
-        needed[f"sought: {name}"] = next(g for g in grid if null.log_p(name, g) < limit)
+    grid = np.linspace(0.0, 40.0, 4001)
+    for name, (size, places) in SOUGHT.items():
+        net = next(g for g in grid if null.log_p(name, g) < limit)
+        needed[f"sought: {size}"] = net + float(np.log(places))
     rows = [
         "## What can be seen at this rate of false alarms\n",
         f"One channel of six at {100 * FALSE_ALARM_RATE:g} % a recording: a statistic counts from "
@@ -423,6 +424,12 @@ def _attainable() -> str:
     return "\n".join((*rows, ""))
 
 
+SOUGHT = {
+    "band": ("band of 1 Hz", 100.0),
+    "burst": ("burst of a tenth", 10.0),
+    "line": ("line", 1.0),
+}
+"""What is charged for its places within the statistic: what, and how many there are of it."""
 SEEN_AT = (7.5, 15.0, 30.0, 45.0, 60.0)
 
 
