@@ -101,6 +101,15 @@ def innovations_of(engine: Engine) -> Innovations:
     )
 
 
+def _whiteness(s: Floats) -> float | None:
+    """Return the portmanteau statistic of the innovations; None for fewer than twenty fixes."""
+    squares = float(s[observe.NIS_SUM])
+    if s[observe.DOF_SUM] < 60.0 or squares <= 0.0:
+        return None
+    lags = s[observe.WHITE_SUM : observe.WHITE_SUM + observe.LAGS]
+    return portmanteau(lags, float(s[observe.WHITE_COUNT]), 3, squares)
+
+
 def status_of(engine: Engine) -> Status:
     """Figures of a filter, see :class:`nav_fusion.engine.Status`."""
     from nav_fusion.engine import Status
@@ -111,11 +120,7 @@ def status_of(engine: Engine) -> Status:
     dof = int(s[observe.DOF_SUM])
     fixes = dof // 3
     band = mean_band(3, fixes) if fixes else (None, None)
-    lags = s[observe.WHITE_SUM : observe.WHITE_SUM + observe.LAGS]
-    squares, count = float(s[observe.NIS_SUM]), float(s[observe.WHITE_COUNT])
-    told = fixes >= 20 and squares > 0
-    whiteness = portmanteau(lags, count, 3, squares) if told else None
-    limit = whiteness_limit(observe.LAGS)
+    whiteness, limit = _whiteness(s), whiteness_limit(observe.LAGS)
     total = {slot: int(past[slot] + s[slot]) for slot in observe.TOTALS}
     alive = 0 if running is None else int((running.bank[:, ALIVE] > 0).sum())
     doubts = sentences(engine, doubts_of(engine))
@@ -152,7 +157,7 @@ def status_of(engine: Engine) -> Status:
         nis_upper=band[1],
         whiteness=whiteness,
         whiteness_limit=limit,
-        correlation=_lag_one(s) if told else None,
+        correlation=None if whiteness is None else _lag_one(s),
         white=None if whiteness is None else whiteness < limit,
         gate=float(chdtri(3, 1.0 - engine.parameters.gate_confidence)),
         still=bool(row[core.OUT_STILL]),
