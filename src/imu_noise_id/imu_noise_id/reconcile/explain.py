@@ -34,6 +34,7 @@ PRICE_PER_PARAMETER = 3.0
 PREFERENCE = 1.5
 DRIFTS = (*SLOW, "temperature", "rate_ramp", "bias_step")
 TELEGRAPH_BLOCKS = 1500
+COLOURED_LOG_P = -9.0
 SAME_STEP_S, SAME_STEP = 1.0, 0.02
 MOST_PER_CHANNEL = {"gauss_markov": 3, "narrow_band": 8, "periodic": 12, "bias_step": 6}
 
@@ -265,6 +266,8 @@ def _bursts(state: State, found: Analysis) -> list[Candidate]:
     if gain < 6.0:
         return []
     first, last = _sharpen(white, first, last, white.size // BURST_BLOCKS)
+    if loudest_log_p(white[first:last]) < COLOURED_LOG_P:
+        return []  # a tone or a ring that is there for a while, and no noise that is louder
     inside = float(np.mean(white[first:last] ** 2))
     outside = float(np.mean(np.concatenate((white[:first], white[last:])) ** 2))
     ratio = inside / outside
@@ -274,6 +277,19 @@ def _bursts(state: State, found: Analysis) -> list[Candidate]:
     after = analyse(replace(quiet, effects=found.fit.effects))
     quiet = replace(quiet, effects=after.fit.effects)
     return [Candidate(ADD, effect, gain, 3.0 * PRICE_PER_PARAMETER, quiet, after)]
+
+
+def loudest_log_p(samples: Floats) -> float:
+    """Logarithm of the chance of the largest of white samples' ordinates over their mean.
+
+    With m ordinates of mean 1 the largest share g of the sum: m (1 - g)^(m - 1) (Fisher 1929).
+    """
+    power = np.abs(fft.rfft(samples)[1 : (samples.size + 1) // 2]) ** 2
+    m, total = power.size, float(power.sum())
+    if m < 2 or total <= 0.0:
+        return 0.0
+    share = min(float(power.max()) / total, 1.0 - 1e-12)
+    return min(float(np.log(m) + (m - 1) * np.log1p(-share)), 0.0)
 
 
 def _sharpen(white: Floats, first: int, last: int, block: int) -> tuple[int, int]:
