@@ -938,11 +938,13 @@ def mixture(core: Core, best: int, mean: Floats, P: Floats) -> int:
             mean[i] += weight * difference[i]
             for j in range(NAV):
                 P[NAV * i + j] += weight * (own[i * STRIDE + j] + difference[i] * difference[j])
-    for i in range(NAV):
-        mean[i] = mean[i] / total if i < 6 else 0.0
+    mean /= total
     for i in range(NAV):
         for j in range(NAV):
-            P[NAV * i + j] = P[NAV * i + j] / total - mean[i] * mean[j]
+            P[NAV * i + j] /= total
+            if i < 6 or j < 6:  # place and velocity are published at their mean, attitude is not
+                P[NAV * i + j] -= mean[i] * mean[j]
+    mean[6:] = 0.0
     return alive
 
 

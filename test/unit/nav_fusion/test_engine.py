@@ -112,6 +112,18 @@ def test_standing_without_magnetometer_the_heading_is_not_observable() -> None:
     assert any("not observable" in note for note in engine.status().notes)
 
 
+def test_the_covariance_of_several_headings_together_is_a_covariance() -> None:
+    d = drive(25.0, rest_s=15.0)
+    _, rows = fused(d, replace(HEADED, initial_heading_rad=float("nan")))
+    s = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE), (1.0, 0.5, 1.5))
+    many = s.hypotheses > 1
+    assert 100 < many.sum() < many.size
+    for P in (s.pose_covariance, s.twist_covariance[:, :3, :3], s.antenna_covariance):
+        sigma = np.sqrt(np.einsum("kii->ki", P))
+        correlation = P / (sigma[:, :, None] * sigma[:, None, :])
+        assert np.linalg.eigvalsh(correlation).min() > -1e-6
+
+
 def test_every_fix_is_told_with_its_innovation_in_time_late_or_kept_out() -> None:
     d = drive(60.0)
     far = d.fix.copy()
