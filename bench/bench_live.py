@@ -42,7 +42,8 @@ RELIABILITY = {
     "best_effort": ReliabilityPolicy.BEST_EFFORT,
 }
 OUTPUT_HZ = 50.0
-TABLE = [(node, rate, "reliable") for node in PACKAGES for rate in (100, 1000, 2000, 4000)]
+RATES_HZ = (100, 1000, 2000, 4000, 6000, 8000)
+TABLE = [(node, rate, "reliable") for node in PACKAGES for rate in RATES_HZ]
 HEADING = """\
 | node | IMU Hz | reliability | sent | lost | CPU of a core | stamp to reception of the odometry, \
 p50 / p99 / max ms | reception to publishing, p50 / p99 / max ms | load |

@@ -28,6 +28,7 @@ SETTLED = 1e-10
 """Predicted state variance, in units of s^2, below which the steady recursion takes over."""
 STEP = 1e-6
 CLOSE = 1e-2
+HOPELESS = 5.0
 """Gain in deviance at which the climb ends, a tenth of a standard error or less from the top."""
 LIMIT = 9.0
 """Largest free parameter: a memory of 3e7 samples."""
@@ -95,7 +96,11 @@ def _innovations(
 
 
 def maximise(
-    values: Floats, observed: Mask, start: Innovations, iterations: int = 15
+    values: Floats,
+    observed: Mask,
+    start: Innovations,
+    iterations: int = 15,
+    reach: float = np.inf,
 ) -> Innovations:
     """Climb to the maximum of the likelihood from a start of the same order.
 
@@ -107,6 +112,9 @@ def maximise(
     start : Innovations
         Its phi and theta; roots outside the unit circle are reflected.
     iterations : int
+    reach : float
+        Deviance that the climb is for: it ends where ``HOPELESS`` times what the next step
+        promises would not reach it.
 
     Returns
     -------
@@ -122,6 +130,8 @@ def maximise(
         while damping < 1e8:
             scale = np.diag(best.curvature) + 1e-9 * np.trace(best.curvature) + 1e-12
             step = -np.linalg.solve(best.curvature + damping * np.diag(scale), best.gradient)
+            if best.model.deviance + HOPELESS * float(best.gradient @ step) > reach:
+                return best.model
             step *= min(1.0, 2.0 / max(float(np.max(np.abs(step))), 1e-300))
             trial = _climb(values, observed, np.clip(best.free + step, -LIMIT, LIMIT))
             if trial.model.deviance < best.model.deviance:

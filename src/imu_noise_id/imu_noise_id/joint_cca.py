@@ -37,7 +37,7 @@ from imu_noise_id.spectrum import block_means
 
 JOINT_ROWS = 1 << 17
 """Rows at most from which correlations are taken and a new state is fitted."""
-WHOLE_ROWS = 1 << 20
+WHOLE_ROWS = 1 << 16
 """Rows at most that are modelled: samples, or block means of a longer record."""
 MOST_STATES = 6
 SCALES_TRIED = 3

@@ -21,7 +21,7 @@ from imu_noise_id.spectrum import block_means
 
 CLIMB_ROWS = 1 << 18
 """Samples from which a new state is refined: the leading ones, or its block means if it is slow."""
-MANY_STARTS = 1 << 17
+MANY_STARTS = 1 << 16
 """Samples up to which several starts of a first-order model are refined."""
 
 
@@ -48,7 +48,7 @@ def grow(
         ranked = sorted(zip(candidates, blocks[size], strict=True), key=lambda c: c[0].deviance)
         chosen += ranked[: 3 if size == 2 and values.size <= MANY_STARTS else 1]
     refined = [
-        _refined(values, observed, start, block)
+        _refined(values, observed, model, start, block)
         for start, block in chosen
         if np.isfinite(start.deviance)
     ]
@@ -102,12 +102,19 @@ def _finer(phi: Floats, theta: Floats, block: int) -> tuple[Floats, Floats]:
     return np.array([1.0, -pole]), np.array([1.0, -zero])
 
 
-def _refined(values: Floats, observed: Mask, start: Innovations, block: int) -> Innovations:
-    """Climb from a start whose new state was found in blocks of that size."""
+def _refined(
+    values: Floats, observed: Mask, model: Innovations, start: Innovations, block: int
+) -> Innovations:
+    """Climb from a start, its new state found in blocks of that size, while it may yet stay."""
+    chance = gain_by_chance(start.observed, start.order - model.order)
     if observed.sum() <= CLIMB_ROWS:
-        return innovations.maximise(values, observed, start)
+        return innovations.maximise(values, observed, start, reach=model.deviance - chance)
     if _too_slow(block, observed):
         return start
     end = int(np.searchsorted(np.cumsum(observed), CLIMB_ROWS)) + 1
-    climbed = innovations.maximise(values[:end], observed[:end], start)
+    part, seen = values[:end], observed[:end]
+    before = innovations.evaluate(part, seen, model.phi, model.theta)
+    share = before.observed / start.observed
+    reach = before.deviance - share * chance
+    climbed = innovations.maximise(part, seen, start, reach=reach)
     return innovations.evaluate(values, observed, climbed.phi, climbed.theta)
