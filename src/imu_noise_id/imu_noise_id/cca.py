@@ -215,7 +215,7 @@ def past_future(series: Series, order: int | None = None) -> Cca:
     model, found, rest = innovations.white(values, observed), first, values
     most = MOST_STATES if order is None else order
     while model.order < most:
-        grown = grow(values, observed, model, rest, found, most - model.order)
+        grown = grow(values, observed, model, rest, found, most - model.order, order is not None)
         if grown is None or (order is None and not likelier(grown, model)):
             break
         model = grown

@@ -32,8 +32,12 @@ def grow(
     rest: Floats,
     found: list[Correlations],
     room: int,
+    forced: bool = False,
 ) -> Innovations | None:
-    """Put the new state in cascade with the model, refine, return the best for its states."""
+    """Put the new state in cascade with the model, refine, return the best for its states.
+
+    A state that is ``forced`` is refined to the end; another one only while it may yet stay.
+    """
     by_order: dict[int, list[tuple[Floats, Floats]]] = {}
     blocks: dict[int, list[int]] = {}
     for scale in found:
@@ -48,7 +52,7 @@ def grow(
         ranked = sorted(zip(candidates, blocks[size], strict=True), key=lambda c: c[0].deviance)
         chosen += ranked[: 3 if size == 2 and values.size <= MANY_STARTS else 1]
     refined = [
-        _refined(values, observed, model, start, block)
+        _refined(values, observed, model, start, block, forced)
         for start, block in chosen
         if np.isfinite(start.deviance)
     ]
@@ -103,18 +107,23 @@ def _finer(phi: Floats, theta: Floats, block: int) -> tuple[Floats, Floats]:
 
 
 def _refined(
-    values: Floats, observed: Mask, model: Innovations, start: Innovations, block: int
+    values: Floats,
+    observed: Mask,
+    model: Innovations,
+    start: Innovations,
+    block: int,
+    forced: bool,
 ) -> Innovations:
-    """Climb from a start, its new state found in blocks of that size, while it may yet stay."""
-    chance = gain_by_chance(start.observed, start.order - model.order)
+    """Climb from a start, its new state found in blocks of that size."""
+    asked = -np.inf if forced else gain_by_chance(start.observed, start.order - model.order)
     if observed.sum() <= CLIMB_ROWS:
-        return innovations.maximise(values, observed, start, reach=model.deviance - chance)
+        return innovations.maximise(values, observed, start, reach=model.deviance - asked)
     if _too_slow(block, observed):
         return start
     end = int(np.searchsorted(np.cumsum(observed), CLIMB_ROWS)) + 1
     part, seen = values[:end], observed[:end]
     before = innovations.evaluate(part, seen, model.phi, model.theta)
     share = before.observed / start.observed
-    reach = before.deviance - share * chance
+    reach = before.deviance - share * asked
     climbed = innovations.maximise(part, seen, start, reach=reach)
     return innovations.evaluate(values, observed, climbed.phi, climbed.theta)
