@@ -82,15 +82,17 @@ def send(
     heard.wait()
     while not samples.get_subscription_count():  # each side matches the other on its own
         time.sleep(0.01)
-    pool = [bytearray(row) for row in messages(1000, np.random.default_rng(1))]
+    rng = np.random.default_rng(1)
+    pool = [bytearray(row) for row in messages(1000, rng)]
     count = round(rate_hz * seconds)
+    order = rng.integers(0, len(pool), count)  # in turn they would make lines, one each hertz
     begin_ns = time.time_ns()
     for k in range(count):
         due_ns = begin_ns + round(k * 1e9 / rate_hz)
         left_s = (due_ns - time.time_ns()) * 1e-9
         if left_s > 0.0:
             time.sleep(left_s)
-        data, stamp_ns = pool[k % len(pool)], due_ns
+        data, stamp_ns = pool[order[k]], due_ns
         data[4:8] = (stamp_ns // 10**9).to_bytes(4, "little")
         data[8:12] = (stamp_ns % 10**9).to_bytes(4, "little")
         samples.publish(bytes(data))

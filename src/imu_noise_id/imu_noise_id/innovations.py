@@ -28,8 +28,9 @@ SETTLED = 1e-10
 """Predicted state variance, in units of s^2, below which the steady recursion takes over."""
 STEP = 1e-6
 CLOSE = 1e-2
-HOPELESS = 5.0
 """Gain in deviance at which the climb ends, a tenth of a standard error or less from the top."""
+HOPELESS = 5.0
+"""Steps as good as the next one that a climb with a goal may still be short of it."""
 LIMIT = 9.0
 """Largest free parameter: a memory of 3e7 samples."""
 
@@ -113,8 +114,8 @@ def maximise(
         Its phi and theta; roots outside the unit circle are reflected.
     iterations : int
     reach : float
-        Deviance that the climb is for: it ends where ``HOPELESS`` times what the next step
-        promises would not reach it.
+        Deviance that the climb is for: it ends where ``HOPELESS`` steps as good as the next one
+        promises to be would not reach it.
 
     Returns
     -------

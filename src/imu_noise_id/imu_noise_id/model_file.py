@@ -65,7 +65,7 @@ _CHANNEL = (
     *("name", "topic", "unit", "rate_hz", "duration_s", "mean", "one_sided"),
     *("effects", "log_covariance", "bounds"),
 )
-_EFFECT = ("name", "parameters", "note", "one_sided")
+_EFFECT = ("name", "form", "parameters", "note", "one_sided")
 _ESTIMATE = ("value", "std_error", "lower", "upper", "unit")
 _BOUND = ("name", "parameter", "unit", "upper", "note")
 _TEMPERATURE = ("time_s", "temperature_degc")
@@ -146,7 +146,10 @@ def effect_tree(fitted: FittedEffect) -> dict[str, Any]:
         }
         for parameter, estimate in zip(fitted.effect.parameters, fitted.estimates, strict=True)
     }
-    tree: dict[str, Any] = {"name": fitted.name, "parameters": parameters}
+    tree: dict[str, Any] = {"name": fitted.name}
+    if fitted.effect.form:
+        tree["form"] = fitted.effect.form
+    tree["parameters"] = parameters
     if fitted.note:
         tree["note"] = fitted.note
     return tree
@@ -163,7 +166,7 @@ def typed_effect(
     name: str, channel_name: str, values: dict[str, float | str], note: str = ""
 ) -> FittedEffect:
     """Return an effect of given values without intervals, as a hand-typed file gives it."""
-    kind = kind_of(name, values)
+    kind = CATALOGUE[name]
     unit = unit_of(channel_name)
     estimates = tuple(
         Estimate(values[p.name], None, None, None, p.unit_for(unit)) for p in kind.parameters
@@ -268,16 +271,24 @@ def _read_effect(node: Node, channel_name: str, one_sided: bool) -> FittedEffect
     name = keys["name"].text("'name'")
     if name not in CATALOGUE:
         raise keys["name"].error(f"unknown effect '{name}': known are {', '.join(CATALOGUE)}")
+    kind = _read_kind(keys, name)
     if "parameters" not in keys:
-        wanted = ", ".join(p.name for p in CATALOGUE[name].parameters)
+        wanted = ", ".join(p.name for p in kind.parameters)
         raise node.error(f"{name} without 'parameters' ({wanted})")
-    tree = keys["parameters"].value
-    kind = kind_of(name, tree if isinstance(tree, dict) else ())
     estimates = _read_parameters(keys["parameters"], kind, channel_name)
     if _one_sided(keys, one_sided) and name == "white_noise":
         estimates = [_to_two_sided(estimate) for estimate in estimates]
     note = keys["note"].text("'note'") if _given(keys, "note") else ""
     return FittedEffect(_construct(node, kind, estimates), tuple(estimates), note)
+
+
+def _read_kind(keys: dict[str, Node], name: str) -> type[Effect]:
+    if not _given(keys, "form"):
+        return CATALOGUE[name]
+    try:
+        return kind_of(name, keys["form"].text("'form'"))
+    except ValueError as error:
+        raise keys["form"].error(str(error)) from error
 
 
 def _read_parameters(node: Node, kind: type[Effect], channel_name: str) -> list[Estimate]:

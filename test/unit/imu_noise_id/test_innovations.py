@@ -72,6 +72,21 @@ def test_a_far_start_reaches_the_same_maximum():
     assert far.deviance == pytest.approx(near.deviance, abs=1e-2)
 
 
+def test_a_climb_ends_where_its_goal_is_out_of_reach_and_only_there():
+    rng = np.random.default_rng(5)
+    observed = np.ones(5000, dtype=bool)
+    nothing = rng.standard_normal(5000)
+    weak = nothing + lfilter([0.05], [1.0, -0.97], rng.standard_normal(5000))
+    for values, reached in ((nothing, False), (weak, True)):
+        goal = white(values, observed).deviance - 11.5
+        begin = evaluate(values, observed, np.array([1.0, -0.9]), np.array([1.0, -0.85]))
+        whole = maximise(values, observed, begin)
+        short = maximise(values, observed, begin, 15, goal)
+        assert (whole.deviance < goal) == reached
+        assert (short.deviance == whole.deviance) == reached
+        assert short.deviance > goal or reached
+
+
 def test_residuals_of_the_true_model_are_the_innovations():
     rng = np.random.default_rng(4)
     e = rng.standard_normal(4000)

@@ -21,7 +21,9 @@ from imu_noise_id.model import (
 from imu_noise_id.model_file import effect_tree, load_model, save_model
 
 GYRO = "angular_velocity.x"
-LOW_PASS = "      - {{name: bandwidth_limit, parameters: {{{}}}}}\n"
+LOW_PASS = (
+    "      - {{name: bandwidth_limit, {}parameters: {{cutoff_hz: 30.1, order: 2, damping: 0.7}}}}\n"
+)
 
 
 def _write(folder: Path, text: str) -> Path:
@@ -154,7 +156,8 @@ WRONG = [
     (_typed(EFFECT) + "    bounds: [{name: white_noise}]\n", 7, "parameter"),
     (_typed(EFFECT) + "temperature: {time_s: [0, 1], temperature_degc: [20]}\n", 7, "as many"),
     (_typed(EFFECT) + "notes: !!python/object/apply:os.system [echo]\nx: 1\n", 8, "unknown key"),
-    (_typed(LOW_PASS.format("cutoff_hz: 30, digital: 0")), 5, "'digital' is 1, or left out"),
+    (_typed(LOW_PASS.format("form: analog, ")), 5, "no form 'analog' (forms: 'digital')"),
+    (_typed("      - {name: white_noise, form: digital, parameters: {density: 1}}"), 5, "no form"),
     ("format: two\n  \n  lines\n", 1, "not model/1"),
     ("a: &a [1]\nb: *a\n", 2, "aliases"),
     ("[" * 40 + "]" * 40, 1, "nested"),
@@ -175,17 +178,15 @@ def test_what_is_wrong_is_named_with_file_and_line(
 
 
 def test_a_digital_low_pass_comes_back_as_one_and_the_other_form_as_itself(tmp_path: Path) -> None:
-    numbers = "cutoff_hz: 30.1, order: 2, damping: 0.7"
-    text = _typed("".join(LOW_PASS.format(numbers + more) for more in (", digital: 1", "")))
+    text = _typed("".join(LOW_PASS.format(form) for form in ("form: digital, ", "")))
     model = load_model(_write(tmp_path, text))
     digital, other = (fitted.effect for fitted in model.channels[0].effects)
     assert (digital, other) == (DigitalBandwidthLimit(30.1, 2, 0.7), BandwidthLimit(30.1, 2, 0.7))
     save_model(model, tmp_path / "again.yaml")
     again = load_model(tmp_path / "again.yaml")
     assert again.channels[0].effects == model.channels[0].effects
-    assert list(effect_tree(model.channels[0].effects[1])["parameters"]) == [
-        *("cutoff_hz", "order", "damping")
-    ]
+    for fitted in model.channels[0].effects:
+        assert list(effect_tree(fitted)["parameters"]) == ["cutoff_hz", "order", "damping"]
 
 
 def test_a_missing_file_a_folder_and_a_binary_file_get_one_line(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Collection
 
 from imu_noise_id.effects.base import Effect
 
@@ -24,13 +23,17 @@ def _collect() -> dict[str, type[Effect]]:
 CATALOGUE: dict[str, type[Effect]] = _collect()
 
 
-def kind_of(name: str, given: Collection[str]) -> type[Effect]:
-    """Return the kind of a name that has the given parameters.
+def kind_of(name: str, form: str = "") -> type[Effect]:
+    """Return the class of a name; another realisation is a subclass that shares the name.
 
-    Most names are one class; a realisation that needs a parameter more is a subclass, which shares
-    the name.  The class of the catalogue where none has them all, for its reader to say so.
+    Raises
+    ------
+    ValueError
+        When the name has no such form.
     """
-    kind = CATALOGUE[name]
-    realisations = (kind, *kind.__subclasses__())
-    fitting = (k for k in realisations if {p.name for p in k.parameters}.issuperset(given))
-    return next(fitting, kind)
+    usual = CATALOGUE[name]
+    forms = {kind.form: kind for kind in (usual, *usual.__subclasses__())}
+    if form not in forms:
+        known = ", ".join(f"'{known}'" for known in forms if known) or "none"
+        raise ValueError(f"{name} has no form '{form}' (forms: {known})")
+    return forms[form]

@@ -107,26 +107,11 @@ class DigitalBandwidthLimit(BandwidthLimit):
     """The same low pass as a digital filter at the sample rate, by Tustin's transform.
 
     |H|^2 as before with u = tan(pi f dt)/tan(pi f_c dt) (Oppenheim and Schafer): nothing folds, the
-    corner stays at f_c, and the response ends in a zero at half the rate.  Its name, as its cutoff,
-    order and damping, is that of the other form; ``digital`` tells them apart in files.
-
-    Attributes
-    ----------
-    digital : float
-        1.
+    corner stays at f_c, and the response ends in a zero at half the rate.  Its name and its
+    parameters are those of the other form; ``form: digital`` tells them apart in files.
     """
 
-    digital: float = 1.0
-
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        *BandwidthLimit.parameters,
-        Parameter("digital", "1", False, "1: a digital filter at the sample rate", estimated=False),
-    )
-
-    def __post_init__(self) -> None:
-        """Refuse what is not this form."""
-        if self.digital != 1.0:
-            raise ValueError("'digital' is 1, or left out of a filter that acts before sampling")
+    form: ClassVar[str] = "digital"
 
     def limits(self, sample_time_s: float, duration_s: float) -> tuple[tuple[float, float], ...]:
         """Cutoffs up to ``HIGHEST`` of the rate: beyond, only ordinates beside the zero show it."""

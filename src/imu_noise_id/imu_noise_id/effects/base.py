@@ -85,6 +85,8 @@ class Effect(ABC):
     """Base of all effects; subclasses are frozen dataclasses of their parameters."""
 
     name: ClassVar[str]
+    form: ClassVar[str] = ""
+    """Which realisation of the name it is, where there are several; empty for the usual one."""
     stage: ClassVar[Stage]
     parameters: ClassVar[tuple[Parameter, ...]]
 

@@ -55,8 +55,6 @@ SHORTEST_DRIFT = 1.0 / 64.0
 """Correlation time of an unseen drift over the record: faster ones reach beyond the ordinates."""
 FREE_STD_ERROR = 1e3
 SLOW = ("rate_random_walk", "gauss_markov", "bias_instability")
-LEFT_OPEN = 1.92
-"""Nats that a drift may cost within the model's 95 % interval."""
 LOUDEST_SEEN = 10.0
 FRACTIONS = np.concatenate(([0.0], np.geomspace(1e-4, 1.0, 60)))
 
@@ -116,12 +114,12 @@ class DriftPrior:
 
     def left_open(self, theta: Floats) -> Floats:
         """The log parameters, their strength cut to what the model's interval leaves open."""
-        if self.cost(theta) <= LEFT_OPEN:
+        if self.cost(theta) <= ONE_SIDED_DROP:
             return theta
         low, high = theta[0] - 20.0, theta[0]
         for _ in range(40):
             middle = 0.5 * (low + high)
-            open_yet = self.cost(np.array([middle, theta[1]])) <= LEFT_OPEN
+            open_yet = self.cost(np.array([middle, theta[1]])) <= ONE_SIDED_DROP
             low, high = (middle, high) if open_yet else (low, middle)
         return np.array([low, theta[1]])
 

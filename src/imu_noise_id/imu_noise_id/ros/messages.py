@@ -160,7 +160,8 @@ def _effect(fitted: FittedEffect) -> noise.Effect:
         _parameter(parameter.name, estimate)
         for parameter, estimate in zip(fitted.effect.parameters, fitted.estimates, strict=True)
     ]
-    return noise.Effect(name=fitted.name, parameters=parameters, note=fitted.note)
+    form = fitted.effect.form
+    return noise.Effect(name=fitted.name, form=form, parameters=parameters, note=fitted.note)
 
 
 def _parameter(name: str, estimate: Estimate) -> noise.EffectParameter:
@@ -294,7 +295,7 @@ def _to_effect(message: noise.Effect) -> FittedEffect | None:
         raise ValueError(f"there is no effect '{message.name}'")
     if not all(p.value_known or p.text for p in message.parameters):
         return None
-    kind = kind_of(message.name, [p.name for p in message.parameters])
+    kind = kind_of(message.name, message.form)
     whole = {f.name for f in dataclasses.fields(kind) if f.type in ("int", int)}
     values: dict[str, Any] = {
         p.name: p.text or (round(p.value) if p.name in whole else p.value)

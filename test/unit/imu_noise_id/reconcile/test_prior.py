@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from imu_noise_id.effects.white_noise import WhiteNoise
+from imu_noise_id.intervals import ONE_SIDED_DROP
 from imu_noise_id.model import ChannelModel, Estimate, FittedEffect
 from imu_noise_id.model_file import typed_effect
 from imu_noise_id.reconcile.prior import (
-    LEFT_OPEN,
     TYPED_STD_ERROR,
     DriftPrior,
     Prior,
@@ -84,7 +84,7 @@ def test_a_drift_counts_as_agreement_only_within_the_models_interval() -> None:
     (cut,) = within_intervals((loud,), prior)
     assert isinstance(cut, UnseenDrift)
     assert cut.correlation_time_s == pytest.approx(time_s)
-    assert PRIOR.cost(np.log([cut.sigma, time_s])) == pytest.approx(LEFT_OPEN, abs=1e-6)
+    assert PRIOR.cost(np.log([cut.sigma, time_s])) == pytest.approx(ONE_SIDED_DROP, abs=1e-6)
 
 
 def test_the_slope_of_the_drift_cost_is_its_derivative() -> None:

@@ -22,10 +22,7 @@ SLOW = FittedEffect(
 
 DIGITAL = FittedEffect(
     DigitalBandwidthLimit(30.1, 2, 0.7),
-    tuple(
-        Estimate(v, None, None, None, u)
-        for v, u in ((30.1, "Hz"), (2.0, "1"), (0.7, "1"), (1.0, "1"))
-    ),
+    tuple(Estimate(v, None, None, None, u) for v, u in ((30.1, "Hz"), (2.0, "1"), (0.7, "1"))),
 )
 
 
