@@ -32,8 +32,9 @@ def kind_of(name: str, form: str = "") -> type[Effect]:
         When the name has no such form.
     """
     usual = CATALOGUE[name]
-    forms = {kind.form: kind for kind in (usual, *usual.__subclasses__())}
+    others = {kind.form: kind for kind in usual.__subclasses__() if kind.form}
+    forms = {"": usual, **others}
     if form not in forms:
-        known = ", ".join(f"'{known}'" for known in forms if known) or "none"
+        known = ", ".join(f"'{known}'" for known in others) or "none"
         raise ValueError(f"{name} has no form '{form}' (forms: {known})")
     return forms[form]
