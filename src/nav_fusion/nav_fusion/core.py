@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 from nav_fusion.earth import gravity_at
 from nav_fusion.observe import (
     ALIGNED_S,
+    KEPT_OUT,
+    LOST,
     RESULT,
     RESULT_SIZE,
     UPDATE_SIZE,
@@ -110,6 +112,9 @@ SHAKE_HZ = 2.0
 SAMPLES, HEAD_MEASUREMENT, NEXT, FIRST_CHECKPOINT, LAST_CHECKPOINT, AHEAD = 0, 1, 2, 3, 4, 5
 PUBLISH_DUE, CHECKPOINT_DUE = 6, 7
 CURSOR = 16
+
+LOST_NS = 14
+"""Stamp of the fix at which the filter was found lost, or 0; it goes no further."""
 
 # one row of output: r, v, q, then these
 OUT_P, OUT_RATE, OUT_BIAS, OUT_BIAS_VARIANCE = 10, 91, 94, 100
@@ -481,6 +486,9 @@ def correct(core: Core, index: int, sample: int) -> None:
         refresh_bias(s, slow)
     if kind == FIX:
         best = core.bank[heaviest(core)]
+        if best[RESULT + RESULT_SIZE - 1] == LOST:
+            best[RESULT + RESULT_SIZE - 1] = KEPT_OUT
+            core.cursor[LOST_NS] = core.measurement_ns[index]
         core.z[index, OUTCOME : OUTCOME + RESULT_SIZE] = best[RESULT : RESULT + RESULT_SIZE]
     if kind != FIELD:
         prune(core, time_s)
@@ -684,6 +692,8 @@ def advance(core: Core, sample: int) -> bool:
             now = at
         correct(core, c[NEXT], sample - 1)
         c[NEXT] += 1
+        if c[LOST_NS] != 0:
+            return False
     propagate(core, sample, now, end)
     c[SAMPLES] = sample + 1
     if gap:
@@ -717,6 +727,8 @@ def apply_due(core: Core) -> None:
     c = core.cursor
     now = core.imu_ns[(c[SAMPLES] - 1) % IMU_RING]
     while c[NEXT] < c[HEAD_MEASUREMENT] and core.measurement_ns[c[NEXT]] <= now:
+        if c[LOST_NS] != 0:
+            return
         correct(core, c[NEXT], c[SAMPLES] - 1)
         c[NEXT] += 1
 
@@ -761,7 +773,7 @@ def rewind(core: Core, before_ns: int) -> None:
     while c[NEXT] < c[HEAD_MEASUREMENT] and core.measurement_ns[c[NEXT]] < time:
         c[NEXT] += 1
     apply_due(core)
-    while c[SAMPLES] < head:
+    while c[SAMPLES] < head and c[LOST_NS] == 0:
         coast(core, c[SAMPLES], eventless_until(core, head))
         if c[SAMPLES] < head:
             advance(core, c[SAMPLES])
@@ -863,7 +875,8 @@ def is_plain(last_ns: int, longest_ns: int, stamp_ns: Ints, rate: Floats, force:
 def feed(core: Core, stamp_ns: Ints, rate: Floats, force: Floats, out_ns: Ints, out: Floats) -> int:
     """Take a block of samples (stamps ascending); returns how many rows of output became due.
 
-    No more than ``MOST_SAMPLES`` at a time: rewinding needs those before.
+    Ends early where the filter is lost.  No more than ``MOST_SAMPLES`` at a time: rewinding needs
+    those before.
     """
     c = core.cursor
     first = c[SAMPLES]
@@ -876,7 +889,7 @@ def feed(core: Core, stamp_ns: Ints, rate: Floats, force: Floats, out_ns: Ints, 
     if stamp_ns.size > 0:
         drop_ahead(core, stamp_ns[0])
     rows = 0
-    while c[SAMPLES] < last:
+    while c[SAMPLES] < last and c[LOST_NS] == 0:
         coast(core, c[SAMPLES], eventless_until(core, last))
         if c[SAMPLES] == last:
             break
@@ -887,6 +900,24 @@ def feed(core: Core, stamp_ns: Ints, rate: Floats, force: Floats, out_ns: Ints, 
             rows += 1
         apply_due(core)
     return rows
+
+
+def samples_after(core: Core, time_ns: int, head: int) -> tuple[Ints, Floats, Floats]:
+    """Stamps, rates and forces of the samples after a time; ``head`` were fed in all."""
+    first = head
+    while first > 0 and core.imu_ns[(first - 1) % IMU_RING] > time_ns:
+        first -= 1
+    ring = np.arange(first, head) % IMU_RING
+    return core.imu_ns[ring], core.imu[ring, :3], core.imu[ring, 3:]
+
+
+def measurements_after(core: Core, time_ns: int) -> list[tuple[int, int, Floats]]:
+    """Stamp, kind and numbers of the measurements after a time, in order of time."""
+    return [
+        (int(core.measurement_ns[i]), int(core.kind[i]), core.z[i].copy())
+        for i in range(int(core.cursor[HEAD_MEASUREMENT]))
+        if core.measurement_ns[i] > time_ns
+    ]
 
 
 @njit(cache=True)

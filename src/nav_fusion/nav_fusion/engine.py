@@ -20,6 +20,8 @@ What holds:
   if it had come in order.  Rows that are out already stay as they were.
 - Nothing raises on bad data: it is counted, noted, and left out (``status``).  ``fault`` is a
   sentence while the filter cannot start, else None.
+- A filter that agrees with few fixes after it has begun, or begun again from them, is lost: it is
+  aligned anew from the samples and measurements behind the fix that showed it.
 - A jump of the IMU's clock backwards by more than ``BACKWARDS_S``, or forwards by more than
   ``longest_gap_s``, starts the alignment anew (simulation restarted, bag looped).
 """
@@ -392,6 +394,7 @@ class Engine:
         """Carry the fixes of the filter that ends over into the totals."""
         if self._core is None:
             return
+        self._origin = self.origin  # of the first filter, whenever it is asked for
         s = self._best()
         self._keep_results(int(self._core.cursor[core.NEXT]))
         for slot in observe.TOTALS:
@@ -439,11 +442,37 @@ class Engine:
             self._out_ns = np.zeros(stamp_ns.size, dtype=np.int64)
             self._out = np.zeros((stamp_ns.size, core.OUT_SIZE))
         before = int(self._core.cursor[core.AHEAD])
+        head = int(self._core.cursor[core.SAMPLES]) + stamp_ns.size
         count = core.feed(self._core, stamp_ns, rate, force, self._out_ns, self._out)
         ahead = int(self._core.cursor[core.AHEAD]) - before
         if ahead:
             self._reject(f"fixes more than {AHEAD_S:g} s ahead of the IMU's clock", ahead)
-        return Rows(self._out_ns[:count].copy(), self._out[:count].copy())
+        rows = Rows(self._out_ns[:count].copy(), self._out[:count].copy())
+        return joined([rows, self._align_again(head)])
+
+    def _align_again(self, head: int) -> Rows:
+        """Begin from nothing behind the fix at which the filter was found lost, if it was.
+
+        With the ``head`` samples fed so far and the measurements, as if none had come before.
+        """
+        assert self._core is not None
+        lost_ns = int(self._core.cursor[core.LOST_NS])
+        if lost_ns == 0:
+            return _no_rows()
+        self.counts.restarts += 1
+        self._note(
+            "the filter was lost: it kept out fixes without a break soon after it had begun, and "
+            "was aligned anew"
+        )
+        samples = core.samples_after(self._core, lost_ns, head)
+        later = core.measurements_after(self._core, lost_ns)
+        self._keep_counts()
+        last_ns = self._last_ns
+        self._restart()
+        self._last_ns = last_ns
+        for time_ns, kind, z in later:
+            self._waiting.add_measurement(Measurement(time_ns, kind, z))
+        return self._wait(*samples) if samples[0].size else _no_rows()
 
     def _add(self, measurement: Measurement) -> None:
         is_fix = measurement.kind == core.FIX
@@ -454,7 +483,9 @@ class Engine:
             return
         if self._core.cursor[core.HEAD_MEASUREMENT] == core.MEASUREMENT_RING:
             self.make_room()
+        head = int(self._core.cursor[core.SAMPLES])
         outcome = core.insert(self._core, measurement.time_ns, measurement.kind, measurement.z)
+        self._align_again(head)
         if not is_fix:
             return
         if outcome == core.LATE:

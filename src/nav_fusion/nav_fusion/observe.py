@@ -24,6 +24,7 @@ from nav_fusion.state import (
     SLOW,
     SPANS,
     STRIDE,
+    USED_BEFORE,
     VELOCITY,
     Q,
     R,
@@ -54,7 +55,8 @@ Of 10 fixes a second the means do so by chance less than once in ten days, a col
 once in two: rest that is contradicted by chance is believed again (``core.watch_denied``).
 """
 RESULT_SIZE = 8
-TAKEN, KEPT_OUT, SAME_AGAIN = 1.0, 2.0, 3.0
+TAKEN, KEPT_OUT, SAME_AGAIN, LOST = 1.0, 2.0, 3.0, 4.0
+"""What became of a fix; lost is the filter that kept it out, and starts from nothing."""
 
 TOTALS = (
     USED,
@@ -82,6 +84,12 @@ REAL_FIX_M = 100.0
 
 FASTEST_M_S = 100.0
 """A velocity that fixes in error have made is forgotten to within this when the filter restarts."""
+
+AGREEING_FIXES = 3.0
+"""So many fixes must agree before one that does not is the one in error: the first may be."""
+
+SECOND_GATE = 0.5
+"""Of the gate, for the fix after the first: a speed that would need luck is an error likelier."""
 
 
 class Sensing(NamedTuple):
@@ -447,18 +455,80 @@ def is_repeated(s: Floats, z: Floats) -> bool:
 
 
 @njit(cache=True)
-def start_anew(s: Floats, m: int, time_s: float, u: Update) -> None:
-    """After unbroken gating widen position and velocity to what the fix says, and go on from it."""
+def set_apart(P: Floats, first: int, variance: float, n: int) -> None:
+    """Give three states a variance of their own, and no correlation with any other."""
+    for i in range(first, first + 3):
+        for j in range(n):
+            P[i * STRIDE + j] = 0.0
+            P[j * STRIDE + i] = 0.0
+        P[i * (STRIDE + 1)] = variance
+
+
+@njit(cache=True)
+def distance2(u: Update) -> float:
+    """Square of how far a fix is off, m^2."""
+    return u.y[0] * u.y[0] + u.y[1] * u.y[1] + u.y[2] * u.y[2]
+
+
+@njit(cache=True)
+def place_anew(P: Floats, n: int, position2: float, speed2: float) -> None:
+    """Forget position and velocity to within variances, each axis.
+
+    What they had in common with attitude and biases is forgotten too: by it a fix kilometres away,
+    taken in error before or now, would turn the attitude over.
+    """
+    set_apart(P, 0, position2, n)
+    set_apart(P, 3, speed2, n)
+    for i in range(6, 9):
+        P[i * (STRIDE + 1)] += 1e-4
+
+
+@njit(cache=True)
+def begin_again(s: Floats, m: int, u: Update) -> None:
+    """Take a fix for the first: it contradicts those so far, too few to be believed against it.
+
+    Should many do so, the platform is faster than was thought.
+    """
     P = s[SLOW + m :]
-    spread = 0.0
-    for a in range(3):
-        spread += u.y[a] * u.y[a]
+    many = s[GATED] >= 2.0 * AGREEING_FIXES
+    speed2 = max(FASTEST_M_S**2, 4.0 * P[3 * (STRIDE + 1)]) if many else FASTEST_M_S**2
+    place_anew(P, NAV + m, distance2(u) + REAL_FIX_M**2, speed2)
+    s[V : V + 3] = 0.0
+    s[GATED] += s[USED]
+    s[USED] = 0.0
+
+
+@njit(cache=True)
+def start_anew(s: Floats, m: int, time_s: float, u: Update) -> None:
+    """After unbroken gating forget position and velocity to what the fix says, and go on."""
+    P = s[SLOW + m :]
     seconds = max(time_s - s[STREAK_START_S], 1.0)
-    for i in range(3):
-        P[i * (STRIDE + 1)] += spread
-        P[(3 + i) * (STRIDE + 1)] += min(spread / seconds**2, FASTEST_M_S**2)
-        P[(6 + i) * (STRIDE + 1)] += 1e-4
+    speed2 = min(distance2(u) / seconds**2, FASTEST_M_S**2)
+    speed2 += max(P[3 * (STRIDE + 1)], P[4 * (STRIDE + 1)], P[5 * (STRIDE + 1)])
+    place_anew(P, NAV + m, distance2(u) + REAL_FIX_M**2, speed2)
     s[RECOVERED] += 1.0
+    s[USED_BEFORE] = s[USED]
+
+
+@njit(cache=True)
+def keep_out(s: Floats, nis: float, time_s: float, sensing: Sensing, u: Update) -> float:
+    """Count a fix beyond the gate; returns whether it is kept out, taken all the same, or ``LOST``.
+
+    The first few contradict each other and the newest is taken; later ones are kept out, until
+    they have been for long.  A filter that is far off, and has agreed with few since the last time,
+    is lost; one that is near may do as well as it can with fixes worse than their covariance.
+    """
+    if s[STREAK] == 0.0:
+        s[STREAK_START_S] = time_s
+    s[STREAK] += 1.0
+    s[LAST_NIS] = nis
+    if s[USED] < AGREEING_FIXES:
+        return TAKEN
+    unbroken = s[STREAK] >= sensing.recovery[0]
+    if unbroken and time_s - s[STREAK_START_S] >= sensing.recovery[1]:
+        settled = s[USED] - s[USED_BEFORE] >= sensing.recovery[0]
+        return TAKEN if settled or distance2(u) < REAL_FIX_M**2 else LOST
+    return KEPT_OUT
 
 
 @njit(cache=True)
@@ -484,18 +554,18 @@ def correct_by_fix(
     wide = P[0] + P[STRIDE + 1] + P[2 * STRIDE + 2] > REAL_FIX_M**2
     logarithm = innovation_covariance(P, n, 3, u)
     nis = whiten(3, u)
-    if nis > sensing.gate[3] and s[USED] > 0.0:
-        if s[STREAK] == 0.0:
-            s[STREAK_START_S] = time_s
-        s[STREAK] += 1.0
-        s[LAST_NIS] = nis
-        unbroken = s[STREAK] >= sensing.recovery[0]
-        if not (unbroken and time_s - s[STREAK_START_S] >= sensing.recovery[1]):
-            note_result(s, nis, KEPT_OUT, u)
+    gate = SECOND_GATE * sensing.gate[3] if s[USED] == 1.0 else sensing.gate[3]
+    if nis > gate and s[USED] > 0.0:
+        outcome = keep_out(s, nis, time_s, sensing, u)
+        if outcome != TAKEN:
+            note_result(s, nis, outcome, u)
             s[GATED] += 1.0
             s[LOG_WEIGHT] -= 0.5 * (sensing.gate[3] + logarithm)
             return
-        start_anew(s, m, time_s, u)
+        if s[USED] < AGREEING_FIXES:
+            begin_again(s, m, u)
+        else:
+            start_anew(s, m, time_s, u)
         logarithm = innovation_covariance(P, n, 3, u)
         nis = whiten(3, u)
         wide = True
@@ -503,7 +573,7 @@ def correct_by_fix(
     s[LOG_WEIGHT] -= 0.5 * (min(nis, sensing.gate[3]) + logarithm)
     if not wide:
         note_innovation(s, nis, u)
-    if s[USED] == 0.0:
+    if s[FIRST_FIX] == s[FIRST_FIX + 1] == s[FIRST_FIX + 2] == 0.0:  # of the origin, for good
         for i in range(3):
             s[FIRST_FIX + i] = z[i]
     s[USED] += 1.0

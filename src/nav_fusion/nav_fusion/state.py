@@ -31,11 +31,11 @@ R, V, Q = 0, 3, 6
 ALIVE, LOG_WEIGHT = 10, 11
 BIAS = 76
 ELAPSED, FORCE_SUM, TURN_SUM, GAP_VARIANCE = 82, 83, 86, 95
-SPANS, DRIFTS = 97, 113
+SPANS, DRIFTS, USED_BEFORE = 97, 113, 119
 SLOW = 120
 """Bookkeeping of ``nav_fusion.observe`` lies between ``LOG_WEIGHT`` and ``BIAS``;
-then the summed biases, what gathers until the covariance is brought up to date, and the sums of
-innovations over blocks."""
+then the summed biases, what gathers until the covariance is brought up to date, the sums of
+innovations over blocks, and how many fixes had been used when the filter was last started anew."""
 
 
 class SlowModel(NamedTuple):
