@@ -220,13 +220,31 @@ def _burst(record: Whitened) -> Statistic:
     )
 
 
+def normal_of_kurtosis(kurtosis: float, n: int) -> float:
+    """Standard normal deviate of the kurtosis of n white samples (Anscombe and Glynn 1983).
+
+    Over its standard error it has a long upper tail: of 200 samples one in 10^4 reaches 6, and one
+    in 10^3 reaches 4.7.
+    """
+    mean = 3.0 * (n - 1.0) / (n + 1.0)
+    variance = 24.0 * n * (n - 2.0) * (n - 3.0) / ((n + 1.0) ** 2 * (n + 3.0) * (n + 5.0))
+    skewness = (6.0 * (n * n - 5.0 * n + 2.0) / ((n + 7.0) * (n + 9.0))) * np.sqrt(
+        6.0 * (n + 3.0) * (n + 5.0) / (n * (n - 2.0) * (n - 3.0))
+    )
+    a = 6.0 + 8.0 / skewness * (2.0 / skewness + np.sqrt(1.0 + 4.0 / skewness**2))
+    x = (kurtosis - mean) / np.sqrt(variance)
+    # two levels alone leave less than the formula was made for
+    root = np.cbrt((1.0 - 2.0 / a) / max(1.0 + x * np.sqrt(2.0 / (a - 4.0)), 1e-6))
+    return float((1.0 - 2.0 / (9.0 * a) - root) / np.sqrt(2.0 / (9.0 * a)))
+
+
 def _levels(record: Whitened) -> Statistic:
     """Kurtosis of block means, over block lengths: a level that jumps between two values."""
     worst, tau, size = 0.0, 0.0, 16
     while record.samples.size // size >= FEWEST_BLOCKS:
         count = record.samples.size // size
         unit = _unit(record.samples[: count * size].reshape(count, size).mean(axis=1))
-        z = (float(np.mean(unit**4)) - 3.0) / np.sqrt(24.0 / count)
+        z = normal_of_kurtosis(float(np.mean(unit**4)), count)
         if abs(z) > abs(worst):
             worst, tau = z, size * record.sample_time_s
         size *= 2

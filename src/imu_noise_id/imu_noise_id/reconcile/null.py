@@ -1,8 +1,8 @@
 """Null distributions of the battery: simulated once per length, kept on disk.
 
 The battery sees whitened records, which look alike under every right model, so the null depends on
-the number of samples and the sample time only.  Beyond the simulated 90 % point each statistic is
-given the exponential tail of its own mean excess.
+the number of samples and the sample time only.  Beyond the simulated 90 % point each statistic has
+an exponential tail, whose mean excess depends on neither: ``EXCESS_NATS``.
 """
 
 from __future__ import annotations
@@ -21,9 +21,25 @@ from scipy.special import log_ndtr, ndtri
 from imu_noise_id.reconcile.battery import NAMES, battery, white_record
 from imu_noise_id.recording import Floats
 
-VERSION = 6
+VERSION = 7
 SIMULATIONS = 900
 TAIL_FROM = 0.90
+EXCESS_NATS = {
+    "spectrum": 1.02,
+    "band": 1.13,
+    "line": 1.05,
+    "modulation": 1.04,
+    "kurtosis": 0.88,
+    "skewness": 0.82,
+    "extreme": 1.02,
+    "burst": 1.16,
+    "levels": 1.10,
+}
+"""Mean excess over the 90 % point, of 25 000 simulated records of 30 000, 36 000 and 120 000 samples
+at 10 and 200 Hz, to 0.02 nats of standard error; from there to one in 10^4 the tails are straight.
+Of the 90 excesses that one null has it would be known to a tenth only: to 0.7 nats where it counts.
+A Gaussian's own tail would have 0.9, the largest of many ordinates 1.
+"""
 LENGTHS_PER_OCTAVE = 6
 LEAST_LOG_P = -1e6
 
@@ -47,7 +63,7 @@ class Null:
         column = self.nats[:, self.names.index(name)]
         start = float(np.quantile(column, TAIL_FROM))
         if nats > start:
-            excess = float(np.mean(column[column > start] - start))
+            excess = EXCESS_NATS.get(name) or float(np.mean(column[column > start] - start))
             return float(np.log(1.0 - TAIL_FROM) - (nats - start) / excess)
         above = column.size - int(np.searchsorted(column, nats, side="left"))
         return float(np.log((above + 0.5) / (column.size + 1.0)))

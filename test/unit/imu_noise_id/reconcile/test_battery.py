@@ -13,7 +13,7 @@ from imu_noise_id.effects.rate_ramp import RateRamp
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.ordinates import Ordinates
 from imu_noise_id.reconcile import null as null_module
-from imu_noise_id.reconcile.battery import NAMES, battery, white_record
+from imu_noise_id.reconcile.battery import NAMES, battery, normal_of_kurtosis, white_record
 from imu_noise_id.reconcile.compare import combined, examine
 from imu_noise_id.reconcile.gap import deviates_of_power, held_out_score, whole_score
 from imu_noise_id.reconcile.null import Null, load_null, log_p_of, simulate_null, z_of
@@ -52,6 +52,28 @@ def test_the_null_is_simulated_once_and_read_again(
     null_module._stored_or_simulated.cache_clear()  # as another process
     assert np.array_equal(load_null(1010, DT, 1, 20).nats, first.nats)
     assert stored.stat().st_mtime_ns == changed
+
+
+def test_the_tails_of_the_null_are_those_of_records_it_was_not_made_of() -> None:
+    """1000 fresh records: the chance said of what is seen falls below 1 % in 1 % of them."""
+    rng = np.random.default_rng(11)
+    null = simulate_null(3400, DT, 2, 700)
+    seen = np.zeros((1000, len(NAMES)))
+    for row in seen:
+        statistics = battery(white_record(rng.standard_normal(3400), DT))
+        row[:] = [null.log_p(s.name, s.nats) < np.log(0.01) for s in statistics]
+    share = seen.mean(axis=0)
+    assert np.all(share > 0.002)  # 3 standard errors and the 90 % point's own
+    assert np.all(share < 0.022)
+
+
+def test_the_kurtosis_of_few_samples_becomes_a_normal_deviate() -> None:
+    rng = np.random.default_rng(2)
+    for samples in (rng.standard_normal(200), rng.uniform(size=2000), rng.laplace(size=300)):
+        expected = stats.kurtosistest(samples).statistic
+        found = normal_of_kurtosis(stats.kurtosis(samples, fisher=False), samples.size)
+        assert found == pytest.approx(expected, rel=1e-9)
+    assert normal_of_kurtosis(1.0, 200) < -20.0  # two levels and nothing else
 
 
 def test_a_cache_that_cannot_be_written_costs_only_the_cache(
