@@ -77,6 +77,8 @@ FIX, VELOCITY_KIND, FIELD = 0, 1, 2
 
 COVARIANCE_STEP_S = 0.01
 """At most about this long: 100 Hz is within 2e-4 of 1 kHz, and ten times cheaper."""
+RESTING_STEP_S = 0.05
+"""The same at rest, where attitude and force stay as they are: within 2e-4 of the other."""
 
 Z_SIZE = 26
 """What the corrections need, and from ``OUTCOME`` on what became of a fix (``observe.RESULT``)."""
@@ -252,7 +254,7 @@ def at_part(a: Floats, b: Floats, first: int, x: float, s: Floats, bias: int) ->
 def glide(s: Floats, a: Floats, b: Floats, x0: float, x1: float, dt: float) -> None:
     """Take a hypothesis from part ``x0`` to ``x1`` between two samples, ``dt`` long.
 
-    The covariance follows in steps of about ``COVARIANCE_STEP_S`` (:func:`settle`), for which
+    The covariance follows in steps of :func:`covariance_step` (:func:`settle`), for which
     specific force and attitude are summed.
     """
     w0, w1 = at_part(a, b, 0, x0, s, BIAS), at_part(a, b, 0, x1, s, BIAS)
@@ -266,6 +268,12 @@ def glide(s: Floats, a: Floats, b: Floats, x0: float, x1: float, dt: float) -> N
 
 
 @njit(cache=True)
+def covariance_step(core: Core) -> float:
+    """How much time may gather, s, before the covariances follow."""
+    return RESTING_STEP_S if core.shared[RESTING] == 1.0 else COVARIANCE_STEP_S
+
+
+@njit(cache=True)
 def propagate(core: Core, sample: int, from_ns: int, to_ns: int) -> None:
     """Take every hypothesis from one time to another inside the interval that ends at a sample."""
     a, b = (sample - 1) % IMU_RING, sample % IMU_RING
@@ -275,6 +283,7 @@ def propagate(core: Core, sample: int, from_ns: int, to_ns: int) -> None:
     dt = float(to_ns - from_ns) * 1e-9
     k = core.constants
     gap = whole > core.cursor[GAP]
+    longest = covariance_step(core)
     for h in range(core.bank.shape[0]):
         s = core.bank[h]
         if s[ALIVE] == 0.0:
@@ -285,7 +294,7 @@ def propagate(core: Core, sample: int, from_ns: int, to_ns: int) -> None:
             s[GAP_VARIANCE + 1] += dt * disturbance_psd(
                 1e-9 * whole, k[UNKNOWN + 2], k[UNKNOWN + 3]
             )
-        if s[ELAPSED] + 0.5 * dt >= COVARIANCE_STEP_S:
+        if s[ELAPSED] + 0.5 * dt >= longest:
             settle(core, s)
 
 
@@ -297,6 +306,7 @@ def coast(core: Core, first: int, last: int) -> None:
     """
     if first == last:
         return
+    longest = covariance_step(core)
     for h in range(core.bank.shape[0]):
         s = core.bank[h]
         if s[ALIVE] == 0.0:
@@ -305,7 +315,7 @@ def coast(core: Core, first: int, last: int) -> None:
             a, b = (sample - 1) % IMU_RING, sample % IMU_RING
             dt = float(core.imu_ns[b] - core.imu_ns[a]) * 1e-9
             glide(s, core.imu[a], core.imu[b], 0.0, 1.0, dt)
-            if s[ELAPSED] + 0.5 * dt >= COVARIANCE_STEP_S:
+            if s[ELAPSED] + 0.5 * dt >= longest:
                 settle(core, s)
     for sample in range(first, last):
         add_to_block(core.shared, core.imu[(sample - 1) % IMU_RING], core.imu[sample % IMU_RING])
