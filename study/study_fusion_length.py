@@ -15,7 +15,7 @@ from study_fusion import long_run
 
 PLAN = (
     (200_000, range(100, 110)),
-    (10_000_000, range(11, 12)),
+    (10_000_000, range(11, 14)),
     (200_000, range(110, 160)),
     (1_000_000, range(200, 206)),
 )

@@ -8,18 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from imu_noise_id.effects.dropouts import Dropouts
+from imu_noise_id.effects.dropouts import FEWEST_GAPS, Dropouts, gap_lengths
 from imu_noise_id.effects.held_samples import HeldSamples, fresh_samples, held_factor
 from imu_noise_id.effects.timestamp_jitter import TimestampJitter, jitter_std
 from imu_noise_id.model import Estimate, FittedEffect
 from imu_noise_id.recording import DERIVED, Channel
-from imu_noise_id.stamps import cells
 
 LEAST_FACTOR = 1.1
 LEAST_JITTER = 0.01
 """Of a sample period; what is below does no harm and is not named."""
-
-LEAST_GAPS = 3
 
 
 @dataclass(frozen=True)
@@ -52,9 +49,9 @@ def find_transport(channels: tuple[Channel, ...]) -> Transport:
         error = jitter * float(np.sqrt(35.0 / 36.0 / max(first.stamp_ns.size, 1)))
         row = Estimate(jitter, error, jitter - 1.96 * error, jitter + 1.96 * error, "s")
         effects.append(FittedEffect(TimestampJitter(jitter), (row,)))
-    missing = np.diff(cells(first.stamp_ns, 1e9 / first.rate_hz)) - 1
-    if np.count_nonzero(missing) >= LEAST_GAPS:
-        effects.append(_dropouts(first, missing[missing > 0]))
+    missing = gap_lengths(first.stamp_ns, first.rate_hz)
+    if missing.size >= FEWEST_GAPS:
+        effects.append(_dropouts(first, missing))
     return Transport(tuple(effects), factor)
 
 

@@ -12,6 +12,9 @@ from imu_noise_id.effects.base import Parameter, TransportEffect
 from imu_noise_id.recording import Floats, Stamps
 from imu_noise_id.stamps import cells
 
+PAUSE, FEWEST_GAPS = 20.0, 3
+"""What may be no dropout lasts so many times the mean of the other gaps, so many at least."""
+
 
 @dataclass(frozen=True)
 class Dropouts(TransportEffect):
@@ -51,13 +54,28 @@ class Dropouts(TransportEffect):
 
 
 def gap_lengths(stamp_ns: Stamps, rate_hz: float) -> NDArray[np.int64]:
-    """Number of messages missing in each gap, in order; empty where none is missing.
+    """Number of messages missing in each gap, rising; empty where none is missing.
 
     By the samples' cells: a late stamp makes one interval long and the next short, a lost message
-    moves all that follow.
+    moves all that follow.  Pauses are left out: :func:`without_pauses`.
     """
     missing = np.diff(cells(stamp_ns, 1e9 / rate_hz)) - 1
-    return missing[missing > 0]
+    return without_pauses(missing[missing > 0])
+
+
+def without_pauses(missing: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Gaps without those that the law of the others, geometric, would not give in 1000 records.
+
+    A driver that was stopped for two minutes says nothing of how messages get lost.
+    """
+    kept = np.sort(missing)
+    while kept.size > FEWEST_GAPS:
+        largest, mean = float(kept[-1]), float(kept[:-1].mean())
+        chance = kept.size * np.exp((largest - 1.0) * np.log1p(-1.0 / (mean + 1.0)))
+        if largest < PAUSE * mean or chance > 1e-3:
+            break
+        kept = kept[:-1]
+    return kept
 
 
 def dropout_parameters(stamp_ns: Stamps, rate_hz: float) -> tuple[float, float]:

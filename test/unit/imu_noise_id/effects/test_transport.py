@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from imu_noise_id.effects.dropouts import Dropouts, dropout_parameters
+from imu_noise_id.effects.dropouts import Dropouts, dropout_parameters, without_pauses
 from imu_noise_id.effects.timestamp_jitter import TimestampJitter, jitter_std
 
 RATE_HZ = 200.0
@@ -51,3 +51,22 @@ def test_lost_messages_are_counted_among_late_stamps() -> None:
     lost = int(np.sum(np.diff(index) - 1))
     rate, length_s = dropout_parameters(in_ns(sent + late[index]), RATE_HZ)
     assert rate * STAMPS[-1] * length_s * RATE_HZ == pytest.approx(lost, abs=2.0)
+
+
+def test_a_pause_of_the_driver_is_no_dropout() -> None:
+    """1 % lost one by one, and two minutes without a message: the law is that of the losses."""
+    rng = np.random.default_rng(8)
+    sent = STAMPS[rng.random(STAMPS.size) > 0.01]
+    rate, length_s = dropout_parameters(in_ns(sent), RATE_HZ)
+    later = np.concatenate((sent[: sent.size // 2], sent[sent.size // 2 :] + 120.0))
+    paused_rate, paused_length_s = dropout_parameters(in_ns(later), RATE_HZ)
+    assert paused_length_s == pytest.approx(length_s, rel=1e-3)
+    assert paused_rate * (STAMPS[-1] + 120.0) == pytest.approx(rate * STAMPS[-1], rel=1e-3)
+
+
+def test_long_gaps_that_belong_to_their_law_stay() -> None:
+    rng = np.random.default_rng(9)
+    for mean in (1.0, 5.0, 100.0):
+        missing = rng.geometric(1.0 / mean, 300)
+        assert without_pauses(missing).size == 300
+    assert without_pauses(np.array([700, 800, 900, 9000])).size == 4
