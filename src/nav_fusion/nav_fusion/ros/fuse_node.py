@@ -96,6 +96,7 @@ class FuseNode(Node):
         self._begun_s = time.monotonic()
         self._latency = Latency()
         self._updates = ""
+        self._to_tell = False
         self._odometry = self.create_publisher(Odometry, ODOMETRY_TOPIC, 100)
         self._fixes = self.create_publisher(NavSatFix, FIX_TOPIC, 100)
         self._status = self.create_publisher(FilterStatus, "~/status", 10)
@@ -110,7 +111,7 @@ class FuseNode(Node):
         self._listen_for_model()
         self.create_service(Reset, "~/reset", self._on_reset)
         self.create_timer(_DRAIN_S, self._drain)
-        self.create_timer(1.0, self._tell)
+        self.create_timer(1.0, self._tell_soon)
 
     # ------------------------------------------------------------------ what comes in
 
@@ -140,6 +141,8 @@ class FuseNode(Node):
         if slot != self._slot:
             self._slot = slot
             self._drain()
+            if self._to_tell:  # there is time for it until the next output
+                self._tell()
 
     def _on_aid(self, kind: str, data: bytes) -> None:
         """Take a measurement at once: between two outputs there is time for it."""
@@ -288,8 +291,15 @@ class FuseNode(Node):
         message.imu_missing = self._streams["imu"].watch.missing
         self._status.publish(message)
 
+    def _tell_soon(self) -> None:
+        """Tell after the next output; now where none has come since the last second."""
+        if self._to_tell:
+            self._tell()
+        self._to_tell = True
+
     def _tell(self) -> None:
         """Look at the publishers and at the leading rest, then publish diagnostics."""
+        self._to_tell = False
         self._look_at_rest()
         now_ns = time.time_ns()
         statuses = []
