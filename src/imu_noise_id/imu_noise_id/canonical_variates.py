@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from imu_noise_id.chance import FALSE_ALARM, correlation_by_chance
+from imu_noise_id.compiled import njit
 from imu_noise_id.recording import Floats, Mask
 from imu_noise_id.series import Series
 from imu_noise_id.spectrum import block_means
@@ -32,6 +33,8 @@ DATA_ROWS = 1 << 15
 SHORTEST = 60
 """Fewest rows of a scale that is searched."""
 _EVERY = 1 << 14
+STRETCH = 1 << 11
+"""Samples over which all lags are summed before the next stretch: they stay in the cache."""
 
 
 @dataclass(frozen=True)
@@ -184,13 +187,14 @@ def _factor(values: Floats, observed: Mask, lags: int) -> tuple[Floats, int]:
 def _covariance_factor(values: Floats, observed: Mask, lags: int, rows: int) -> Floats:
     """Factor from lagged covariances, for records long enough to make the ends negligible."""
     channels = values.shape[1]
-    seen, columns = observed.astype(np.float64), np.ascontiguousarray(values.T)
+    columns = np.ascontiguousarray(values.T)
+    pairs = values.shape[0] - np.arange(lags, dtype=np.float64)
+    if not observed.all():
+        seen = observed.astype(np.float64)
+        pairs = np.maximum(_lagged_products(seen, seen, lags), 1.0)
     covariance = np.empty((lags, channels, channels))
-    for lag in range(lags):
-        end = values.shape[0] - lag
-        pairs = end if observed.all() else float(seen[lag:] @ seen[:end])
-        for i, j in np.ndindex(channels, channels):
-            covariance[lag, i, j] = columns[i, lag:] @ columns[j, :end] / max(pairs, 1.0)
+    for i, j in np.ndindex(channels, channels):
+        covariance[:, i, j] = _lagged_products(columns[i], columns[j], lags) / pairs
     half = lags // 2
     time = np.r_[-np.arange(1, half + 1), np.arange(half)]
     matrix = np.empty((lags, channels, lags, channels))
@@ -206,3 +210,23 @@ def _covariance_factor(values: Floats, observed: Mask, lags: int, rows: int) -> 
         except np.linalg.LinAlgError:
             ridge = max(10.0 * ridge, 1e-14 * float(np.trace(flat)))
     raise ValueError("lagged covariances are not positive")
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+def _lagged_products(late, early, lags):  # type: ignore[no-untyped-def]
+    """Sums of late[k + lag] early[k] over k, (lags,); all lags of a stretch before the next."""
+    products = np.zeros(lags)
+    for begin in range(0, early.size, STRETCH):
+        for lag in range(lags):
+            ahead = late[begin + lag : begin + lag + STRETCH]
+            behind = early[begin : begin + ahead.size]
+            total = 0.0
+            for k in range(ahead.size):
+                total += ahead[k] * behind[k]
+            products[lag] += total
+    return products
+
+
+def warm_up() -> None:
+    """Compile what the correlations need into numba's cache, for a build to call."""
+    _lagged_products(np.ones(3), np.ones(3), 2)

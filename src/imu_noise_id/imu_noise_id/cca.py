@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from imu_noise_id import innovations, transfer_function
+from imu_noise_id import canonical_variates, innovations, transfer_function
 from imu_noise_id.canonical_variates import (
     SHORTEST,
     Correlations,
@@ -228,6 +228,7 @@ def past_future(series: Series, order: int | None = None) -> Cca:
 
 def warm_up() -> None:
     """Compile what the models need into numba's cache, for a build to call."""
+    canonical_variates.warm_up()
     innovations.warm_up()
     transfer_function.warm_up()
 
