@@ -31,7 +31,7 @@ from nav_fusion.state import (
     SlowModel,
     V,
 )
-from nav_fusion.strapdown import rotate_left, rotation_matrix
+from nav_fusion.strapdown import matrix_elements, rotate_left, rotation_matrix
 
 Floats = NDArray[np.float64]
 
@@ -259,8 +259,38 @@ def joseph(P: Floats, n: int, k: int, u: Update) -> None:
 
 
 @njit(cache=True)
+def turn_tilt(s: Floats, m: int, psi: Floats) -> None:
+    """P <- T P T' with T the turn of the attitude's states about the vertical by a correction.
+
+    How the tilt is one with the accelerometer's bias is known by the body's axes: a correction of
+    the heading takes those directions along.  Left as they were, a platform that
+    departs from rest and finds its heading by a tenth of a radian would have measured one
+    combination and believe another, and the fixes would seem to tell more than they do.
+    """
+    n, P = NAV + m, s[SLOW + m :]
+    x, y, z = gravity_at(s[R], s[R + 1], s[R + 2])
+    strength = math.sqrt(x * x + y * y + z * z)
+    half = 0.5 * (psi[0] * x + psi[1] * y + psi[2] * z) / strength
+    k = math.sin(half) / strength
+    T = matrix_elements((math.cos(half), k * x, k * y, k * z))
+    for j in range(n):
+        a, b, c = P[6 * STRIDE + j], P[7 * STRIDE + j], P[8 * STRIDE + j]
+        for i in range(3):
+            P[(6 + i) * STRIDE + j] = T[3 * i] * a + T[3 * i + 1] * b + T[3 * i + 2] * c
+    for i in range(6, 9):
+        row = P[i * STRIDE : i * STRIDE + n]
+        a, b, c = row[6], row[7], row[8]
+        for j in range(3):
+            row[6 + j] = T[3 * j] * a + T[3 * j + 1] * b + T[3 * j + 2] * c
+    for i in range(6, 9):
+        for j in range(n):
+            if j < 6 or j > i:
+                P[j * STRIDE + i] = P[i * STRIDE + j]
+
+
+@njit(cache=True)
 def shift_state(s: Floats, m: int, k: int, u: Update) -> None:
-    """Add K y to the state of the hypothesis ``s``."""
+    """Add K y to the state of the hypothesis ``s``; what P says of tilt turns with the heading."""
     n = NAV + m
     x = np.zeros(n)
     for i in range(n):
@@ -271,6 +301,7 @@ def shift_state(s: Floats, m: int, k: int, u: Update) -> None:
         s[V + i] += x[3 + i]
     q = s[Q : Q + 4]
     rotate_left(q, x[6], x[7], x[8])
+    turn_tilt(s, m, x[6:9])
     for i in range(m):
         s[SLOW + i] += x[NAV + i]
 
