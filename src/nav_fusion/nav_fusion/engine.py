@@ -415,9 +415,20 @@ class Engine:
             force = np.ascontiguousarray(force @ self._mounting.T)
         self.counts.imu_samples += stamp_ns.size
         self._last_ns = int(stamp_ns[-1])
-        if self._core is not None:
+        return self._advance(stamp_ns, rate, force)
+
+    def _advance(self, stamp_ns: Stamps, rate: Floats, force: Floats) -> Rows:
+        """Filter samples, or wait with them; what one pass cannot hold, in parts.
+
+        Each part finds out anew whether the filter runs: it may have been lost in the one before.
+        """
+        if self._core is None:
+            return self._wait(stamp_ns, rate, force)
+        most = core.MOST_SAMPLES
+        if stamp_ns.size <= most:
             return self._feed(stamp_ns, rate, force)
-        return self._wait(stamp_ns, rate, force)
+        parts = [slice(a, a + most) for a in range(0, stamp_ns.size, most)]
+        return joined([self._advance(stamp_ns[p], rate[p], force[p]) for p in parts])
 
     def _usable_samples(self, stamp_ns: Stamps, rate: Floats, force: Floats) -> NDArray[np.bool_]:
         finite = np.isfinite(rate).all(axis=1) & np.isfinite(force).all(axis=1)
@@ -432,11 +443,6 @@ class Engine:
         return finite & (stamp_ns > before)
 
     def _feed(self, stamp_ns: Stamps, rate: Floats, force: Floats) -> Rows:
-        most = core.MOST_SAMPLES
-        if stamp_ns.size > most:
-            starts = range(0, stamp_ns.size, most)
-            parts = [slice(a, a + most) for a in starts]
-            return joined([self._feed(stamp_ns[p], rate[p], force[p]) for p in parts])
         assert self._core is not None
         if self._out_ns.size < stamp_ns.size:
             self._out_ns = np.zeros(stamp_ns.size, dtype=np.int64)
@@ -466,8 +472,8 @@ class Engine:
         )
         samples = core.samples_after(self._core, lost_ns, head)
         later = core.measurements_after(self._core, lost_ns)
-        self._keep_counts()
         last_ns = self._last_ns
+        self._keep_counts()
         self._restart()
         self._last_ns = last_ns
         for time_ns, kind, z in later:
@@ -529,9 +535,9 @@ class Engine:
         for measurement in start.measurements:
             core.insert(self._core, measurement.time_ns, measurement.kind, measurement.z)
         waited = slice(1, start.replayed + 1)
-        self._feed(start.stamp_ns[waited], start.rate[waited], start.force[waited])
+        self._advance(start.stamp_ns[waited], start.rate[waited], start.force[waited])
         rest = slice(start.replayed + 1, None)
-        return self._feed(start.stamp_ns[rest], start.rate[rest], start.force[rest])
+        return self._advance(start.stamp_ns[rest], start.rate[rest], start.force[rest])
 
     def _new_core(self, start: Start) -> core.Core:
         p = self.parameters

@@ -263,9 +263,9 @@ def turn_tilt(s: Floats, m: int, psi: Floats) -> None:
     """P <- T P T' with T the turn of the attitude's states about the vertical by a correction.
 
     How the tilt is one with the accelerometer's bias is known by the body's axes: a correction of
-    the heading takes those directions along.  Left as they were, a platform that
-    departs from rest and finds its heading by a tenth of a radian would have measured one
-    combination and believe another, and the fixes would seem to tell more than they do.
+    the heading takes those directions along.  Left as they were, a platform that departs from rest
+    and finds its heading by a tenth of a radian would have measured one combination and believe
+    another, and the fixes would seem to tell more than they do.
     """
     n, P = NAV + m, s[SLOW + m :]
     x, y, z = gravity_at(s[R], s[R + 1], s[R + 2])

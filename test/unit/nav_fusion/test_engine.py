@@ -400,6 +400,25 @@ def test_a_lost_filter_ends_in_the_same_bits_whatever_the_blocks(block: int) -> 
     assert replace(whole.status(), notes=()) == replace(parted.status(), notes=())
 
 
+@pytest.mark.parametrize("block", [12_000, 50])
+def test_a_filter_lost_at_the_begin_of_a_very_large_block_waits_with_its_rest(block: int) -> None:
+    """More samples than the filter takes in one pass, and it is lost in the first of them."""
+    d = drive(120.0, rest_s=120.0)
+    moved = d.fix.copy()
+    moved[15:, 0] += 0.01
+    last = 40  # of the 5 a second, by which it is lost
+    engine = Engine(NOISE, HEADED)
+    play(engine, until(replace(d, fix=moved), last / 5.0))
+    engine.add_fix(int(d.fix_ns[last]), *moved[last])
+    first = last * 20
+    for k in range(first, d.stamp_ns.size, block):
+        part = slice(k, k + block)
+        engine.add_imu(d.stamp_ns[part], d.rate[part], d.force[part])
+    assert engine.counts.restarts == 1
+    assert engine.counts.imu_samples == d.stamp_ns.size
+    assert not engine.running  # no fix has come since
+
+
 def test_late_fixes_lose_and_align_the_filter_as_fixes_in_order() -> None:
     late_s = np.random.default_rng(3).uniform(0.0, 0.4, lost_drive().fix_ns.size)
     prompt, _ = fused(lost_drive())

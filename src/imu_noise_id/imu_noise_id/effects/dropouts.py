@@ -71,6 +71,7 @@ def without_pauses(missing: NDArray[np.int64]) -> NDArray[np.int64]:
     kept = np.sort(missing)
     while kept.size > FEWEST_GAPS:
         largest, mean = float(kept[-1]), float(kept[:-1].mean())
+        # a mean of one alone would leave no chance to two in a row
         chance = kept.size * np.exp((largest - 1.0) * np.log1p(-1.0 / (mean + 1.0)))
         if largest < PAUSE * mean or chance > 1e-3:
             break
