@@ -38,8 +38,8 @@ EXCESS_NATS = {
 """Mean excess over the 90 % point, of 25 000 records of 30 000 to 120 000 samples simulated at
 10 and 200 Hz, to 0.02 nats of standard error; from there to one in 10^4 the tails are straight.
 By the 90 excesses that one null has it would be known to a tenth only: to 0.7 nats where it counts.
-A Gaussian's own tail would have 0.9, the largest of many ordinates 1.  ``levels`` is of 9000 records
-(1.11 and 1.00 at 30 000 and 120 000 samples), to 0.04.
+A Gaussian's own tail would have 0.9, the largest of many ordinates 1.  ``levels`` is of 9000
+records (1.11 and 1.00 at 30 000 and 120 000 samples), to 0.04.
 """
 LENGTHS_PER_OCTAVE = 6
 LEAST_LOG_P = -1e6
