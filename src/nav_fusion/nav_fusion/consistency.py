@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from nav_fusion import core, observe
+from nav_fusion import arrays, hypotheses, observe
 from nav_fusion.doubt import FEWEST_FIXES, doubts_of, sentences
 from nav_fusion.state import ALIVE, NAV, SLOW, STRIDE
 
@@ -125,9 +125,9 @@ def status_of(engine: Engine) -> Status:
     alive = 0 if running is None else int((running.bank[:, ALIVE] > 0).sum())
     doubts = sentences(engine, doubts_of(engine))
     known = s[observe.ALIGNED_S] if s[observe.ALIGNED_S] > 0 else None
-    bias = tuple(map(float, row[core.OUT_BIAS : core.OUT_BIAS + 6]))
+    bias = tuple(map(float, row[arrays.OUT_BIAS : arrays.OUT_BIAS + 6]))
     sigma = tuple(
-        math.sqrt(max(v, 0.0)) for v in row[core.OUT_BIAS_VARIANCE : core.OUT_BIAS_VARIANCE + 6]
+        math.sqrt(max(v, 0.0)) for v in row[arrays.OUT_BIAS_VARIANCE : arrays.OUT_BIAS_VARIANCE + 6]
     )
     return Status(
         aligned=alive == 1,
@@ -147,8 +147,8 @@ def status_of(engine: Engine) -> Status:
         imu_duplicates=counts.imu_duplicates,
         imu_out_of_order=counts.imu_out_of_order,
         imu_non_finite=counts.imu_non_finite,
-        gaps=0 if running is None else int(running.shared[core.GAPS]),
-        gap_s=0.0 if running is None else float(running.shared[core.GAP_S]),
+        gaps=0 if running is None else int(running.shared[arrays.GAPS]),
+        gap_s=0.0 if running is None else float(running.shared[arrays.GAP_S]),
         nis_last=float(s[observe.LAST_NIS]) if fixes else None,
         nis_mean=float(s[observe.NIS_SUM]) / fixes if fixes else None,
         nis_recent=float(s[observe.RECENT_NIS]) if fixes else None,
@@ -160,7 +160,7 @@ def status_of(engine: Engine) -> Status:
         correlation=None if whiteness is None else _lag_one(s),
         white=None if whiteness is None else whiteness < limit,
         gate=float(chdtri(3, 1.0 - engine.parameters.gate_confidence)),
-        still=bool(row[core.OUT_STILL]),
+        still=bool(row[arrays.OUT_STILL]),
         gyro_bias=bias[:3],
         accel_bias=bias[3:],
         gyro_bias_sigma=sigma[:3],
@@ -178,12 +178,12 @@ def _lag_one(s: Floats) -> float:
     return float(correlation[np.argmax(np.abs(correlation))])
 
 
-def _newest_row(running: core.Core | None) -> Floats:
+def _newest_row(running: arrays.Core | None) -> Floats:
     """State at the newest sample, laid out as in ``core``; zeros before the start."""
-    row = np.zeros(core.OUT_SIZE)
+    row = np.zeros(arrays.OUT_SIZE)
     if running is not None:
-        k = int((running.cursor[core.SAMPLES] - 1) % core.IMU_RING)
-        core.write_output(running, k, row)
+        k = int((running.cursor[arrays.SAMPLES] - 1) % arrays.IMU_RING)
+        hypotheses.write_output(running, k, row)
     return row
 
 
@@ -202,12 +202,12 @@ def _all_notes(engine: Engine, total: dict[int, int], doubts: tuple[str, ...]) -
         )
     running = engine._core
     if running is not None:
-        if running.shared[core.GAPS] > 0:
+        if running.shared[arrays.GAPS] > 0:
             notes.append(
-                f"IMU silent {int(running.shared[core.GAPS])} times, "
-                f"{running.shared[core.GAP_S]:.2f} s in all: propagated with unknown motion"
+                f"IMU silent {int(running.shared[arrays.GAPS])} times, "
+                f"{running.shared[arrays.GAP_S]:.2f} s in all: propagated with unknown motion"
             )
-        if running.shared[core.FAST_BLOCKS] >= 4:
+        if running.shared[arrays.FAST_BLOCKS] >= 4:
             notes.append(
                 "angular_velocity stays above 8 rad/s for a second or more: degrees per "
                 "second, perhaps; it must be rad/s"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from nav_fusion import core, evidence, observe
+from nav_fusion import arrays, evidence, observe
 from nav_fusion.state import SPANS
 
 if TYPE_CHECKING:
@@ -107,8 +107,10 @@ def steps_seen(engine: Engine) -> tuple[Floats, bool]:
     """
     assert engine._core is not None
     d = engine._core.shared
-    quiet = d[core.QUIET_STEPS : core.QUIET_STEPS + 3]
-    return (quiet, True) if quiet[0] > 0.0 else (d[core.LOUD_STEPS : core.LOUD_STEPS + 3], False)
+    quiet = d[arrays.QUIET_STEPS : arrays.QUIET_STEPS + 3]
+    return (
+        (quiet, True) if quiet[0] > 0.0 else (d[arrays.LOUD_STEPS : arrays.LOUD_STEPS + 3], False)
+    )
 
 
 def _scale_doubt(kind: str, fixes: int, squares: float, dof: float) -> Doubt:

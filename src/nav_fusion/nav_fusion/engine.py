@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from nav_fusion import core, observe
+from nav_fusion import arrays, core, hypotheses, observe
 from nav_fusion.alignment import rotation_of
 from nav_fusion.earth import geodetic_from_ecef
 from nav_fusion.evidence import Steps, steps_of
@@ -64,7 +64,7 @@ class Rows:
     ----------
     stamp_ns : (k,) int64
     values : (k, OUT_SIZE) float64
-        Laid out as in ``nav_fusion.core``; ``nav_fusion.solution.solve`` reads them.
+        Laid out as in ``nav_fusion.arrays``; ``nav_fusion.solution.solve`` reads them.
     """
 
     stamp_ns: Stamps
@@ -240,11 +240,11 @@ class Engine:
         if not all(map(math.isfinite, where)) or abs(latitude_deg) > 90 or abs(longitude_deg) > 360:
             self._reject("fix that is not a place on Earth (NaN or out of range)")
             return
-        z = np.zeros(core.Z_SIZE)
+        z = np.zeros(arrays.Z_SIZE)
         claim, claimed = self._usable_claim(covariance), self.noise.position_claimed
         latitude, longitude, altitude = map(float, where)
         observe.write_fix(z, latitude, longitude, altitude, claim, self._white[0], claimed)
-        self._add(Measurement(self._true_time(stamp_ns), core.FIX, z))
+        self._add(Measurement(self._true_time(stamp_ns), arrays.FIX, z))
 
     def add_velocity(
         self,
@@ -255,7 +255,7 @@ class Engine:
         """Feed a velocity of the antenna, east-north-up m/s; covariance (3, 3) or None."""
         if not self.parameters.use_velocity:
             return
-        z = np.zeros(core.Z_SIZE)
+        z = np.zeros(arrays.Z_SIZE)
         z[0:3] = velocity
         if not np.isfinite(z[0:3]).all():
             self._note("velocities that are NaN were left out")
@@ -265,7 +265,7 @@ class Engine:
             R = np.maximum(np.diag(np.diag(covariance)), R)
         z[6:15] = R.ravel()
         z[15:18] = 1.0
-        self._add(Measurement(self._true_time(stamp_ns), core.VELOCITY_KIND, z))
+        self._add(Measurement(self._true_time(stamp_ns), arrays.VELOCITY_KIND, z))
 
     def add_field(self, stamp_ns: int, field: Floats | tuple[float, float, float]) -> None:
         """Feed a magnetic field, T, sensor axes."""
@@ -281,11 +281,11 @@ class Engine:
                 "calibrate hard_iron_t and soft_iron"
             )
             return
-        z = np.zeros(core.Z_SIZE)
+        z = np.zeros(arrays.Z_SIZE)
         z[0:3] = calibrated
         z[6] = self.noise.heading.white_sigma**2
         z[15] = 1.0
-        self._add(Measurement(int(stamp_ns), core.FIELD, z))
+        self._add(Measurement(int(stamp_ns), arrays.FIELD, z))
 
     def make_room(self) -> None:
         """Drop the measurements that no rewind can reach any more; what became of them is kept."""
@@ -320,7 +320,7 @@ class Engine:
 
     def turns_too_fast(self) -> bool:
         """Whether the angular rate stays where no platform's does: degrees per second, perhaps."""
-        return self._core is not None and bool(self._core.shared[core.FAST_BLOCKS] >= 4)
+        return self._core is not None and bool(self._core.shared[arrays.FAST_BLOCKS] >= 4)
 
     def results(self) -> tuple[Stamps, Floats]:
         """Fixes applied so far: when they hold, and (k, RESULT_SIZE) what became of each.
@@ -330,7 +330,7 @@ class Engine:
         """
         kept = list(self._results)
         if self._core is not None:
-            kept.append(self._newest_results(int(self._core.cursor[core.NEXT])))
+            kept.append(self._newest_results(int(self._core.cursor[arrays.NEXT])))
         if not kept:
             return np.zeros(0, dtype=np.int64), np.zeros((0, observe.RESULT_SIZE))
         return np.concatenate([a for a, _ in kept]), np.concatenate([b for _, b in kept])
@@ -356,13 +356,13 @@ class Engine:
     # ------------------------------------------------------------------ inside
 
     def _restart(self) -> None:
-        self._core: core.Core | None = None
+        self._core: arrays.Core | None = None
         self._rate_hz = math.nan
         self._steps = None
         self._last_ns: int | None = None
         self._waiting = Waiting(self.noise, self.parameters, self.layout)
         self._out_ns: Stamps = np.zeros(0, dtype=np.int64)
-        self._out: Floats = np.zeros((0, core.OUT_SIZE))
+        self._out: Floats = np.zeros((0, arrays.OUT_SIZE))
 
     def _before_jump(self, stamp_ns: Stamps, start: int) -> int:
         """Index of the first sample from ``start`` on whose stamp jumps, or the size."""
@@ -383,8 +383,8 @@ class Engine:
 
     def _newest_results(self, count: int) -> tuple[Stamps, Floats]:
         assert self._core is not None
-        fix = self._core.kind[:count] == core.FIX
-        outcome = self._core.z[:count, core.OUTCOME : core.OUTCOME + observe.RESULT_SIZE]
+        fix = self._core.kind[:count] == arrays.FIX
+        outcome = self._core.z[:count, arrays.OUTCOME : arrays.OUTCOME + observe.RESULT_SIZE]
         return self._core.measurement_ns[:count][fix], outcome[fix]
 
     def _keep_results(self, count: int) -> None:
@@ -396,7 +396,7 @@ class Engine:
             return
         self._origin = self.origin  # of the first filter, whenever it is asked for
         s = self._best()
-        self._keep_results(int(self._core.cursor[core.NEXT]))
+        self._keep_results(int(self._core.cursor[arrays.NEXT]))
         for slot in observe.TOTALS:
             self._past[slot] += s[slot]
 
@@ -424,7 +424,7 @@ class Engine:
         """
         if self._core is None:
             return self._wait(stamp_ns, rate, force)
-        most = core.MOST_SAMPLES
+        most = arrays.MOST_SAMPLES
         if stamp_ns.size <= most:
             return self._feed(stamp_ns, rate, force)
         parts = [slice(a, a + most) for a in range(0, stamp_ns.size, most)]
@@ -446,11 +446,11 @@ class Engine:
         assert self._core is not None
         if self._out_ns.size < stamp_ns.size:
             self._out_ns = np.zeros(stamp_ns.size, dtype=np.int64)
-            self._out = np.zeros((stamp_ns.size, core.OUT_SIZE))
-        before = int(self._core.cursor[core.AHEAD])
-        head = int(self._core.cursor[core.SAMPLES]) + stamp_ns.size
+            self._out = np.zeros((stamp_ns.size, arrays.OUT_SIZE))
+        before = int(self._core.cursor[arrays.AHEAD])
+        head = int(self._core.cursor[arrays.SAMPLES]) + stamp_ns.size
         count = core.feed(self._core, stamp_ns, rate, force, self._out_ns, self._out)
-        ahead = int(self._core.cursor[core.AHEAD]) - before
+        ahead = int(self._core.cursor[arrays.AHEAD]) - before
         if ahead:
             self._reject(f"fixes more than {AHEAD_S:g} s ahead of the IMU's clock", ahead)
         rows = Rows(self._out_ns[:count].copy(), self._out[:count].copy())
@@ -462,7 +462,7 @@ class Engine:
         With the ``head`` samples fed so far and the measurements, as if none had come before.
         """
         assert self._core is not None
-        lost_ns = int(self._core.cursor[core.LOST_NS])
+        lost_ns = int(self._core.cursor[arrays.LOST_NS])
         if lost_ns == 0:
             return _no_rows()
         self.counts.restarts += 1
@@ -481,15 +481,15 @@ class Engine:
         return self._wait(*samples) if samples[0].size else _no_rows()
 
     def _add(self, measurement: Measurement) -> None:
-        is_fix = measurement.kind == core.FIX
+        is_fix = measurement.kind == arrays.FIX
         if self._last_ns is not None and is_fix:
             self._compare_clocks(measurement.time_ns)
         if self._core is None:
             self._waiting.add_measurement(measurement)
             return
-        if self._core.cursor[core.HEAD_MEASUREMENT] == core.MEASUREMENT_RING:
+        if self._core.cursor[arrays.HEAD_MEASUREMENT] == arrays.MEASUREMENT_RING:
             self.make_room()
-        head = int(self._core.cursor[core.SAMPLES])
+        head = int(self._core.cursor[arrays.SAMPLES])
         outcome = core.insert(self._core, measurement.time_ns, measurement.kind, measurement.z)
         self._align_again(head)
         if not is_fix:
@@ -539,7 +539,7 @@ class Engine:
         rest = slice(start.replayed + 1, None)
         return self._advance(start.stamp_ns[rest], start.rate[rest], start.force[rest])
 
-    def _new_core(self, start: Start) -> core.Core:
+    def _new_core(self, start: Start) -> arrays.Core:
         p = self.parameters
         window_s = p.lateness_s + max(p.gnss_delay_s, 0.0)
         gap_s = 2.5 * start.period_s
@@ -549,11 +549,11 @@ class Engine:
             [p.gap_accel_m_s2, p.gap_correlation_s, p.gap_rate_rad_s, p.gap_correlation_s]
         )
         quiet = quiet_limits(self.layout, p, 1.0 / start.period_s)
-        return core.new_core(self.layout, start.bank, times, gap, quiet, packed_sensing(p))
+        return arrays.new_core(self.layout, start.bank, times, gap, quiet, packed_sensing(p))
 
     def _best(self) -> Floats:
         assert self._core is not None
-        return self._core.bank[core.heaviest(self._core)]
+        return self._core.bank[hypotheses.heaviest(self._core)]
 
     def _true_time(self, stamp_ns: int) -> int:
         return int(stamp_ns) - round(self.parameters.gnss_delay_s * 1e9)
@@ -591,7 +591,7 @@ def packed_sensing(parameters: Parameters) -> observe.Sensing:
 
 
 def _no_rows() -> Rows:
-    return Rows(np.zeros(0, dtype=np.int64), np.zeros((0, core.OUT_SIZE)))
+    return Rows(np.zeros(0, dtype=np.int64), np.zeros((0, arrays.OUT_SIZE)))
 
 
 def joined(parts: list[Rows]) -> Rows:

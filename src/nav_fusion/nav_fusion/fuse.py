@@ -22,7 +22,7 @@ from imu_noise_id.topics import TopicNames
 from numpy.typing import NDArray
 
 from imu_noise_id import cdr
-from nav_fusion import core
+from nav_fusion import arrays
 from nav_fusion.consistency import Innovations, innovations_of
 from nav_fusion.engine import Engine, Rows, Status, joined
 from nav_fusion.feeding import adder, inertial
@@ -320,4 +320,4 @@ def warm_up() -> None:
     engine.status()
     assert engine.origin is not None
     solve(rows.stamp_ns, rows.values, engine.origin)
-    assert engine.state().size > core.OUT_SIZE
+    assert engine.state().size > arrays.OUT_SIZE

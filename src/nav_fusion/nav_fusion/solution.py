@@ -10,7 +10,7 @@ import numpy as np
 from imu_noise_id.compiled import njit
 from numpy.typing import NDArray
 
-from nav_fusion import core
+from nav_fusion import arrays
 from nav_fusion.earth import ecef_at, fill_axes, geodetic_at
 from nav_fusion.state import NAV
 from nav_fusion.strapdown import rotation_matrix
@@ -194,14 +194,14 @@ def solve_rows(
         mean[ANTENNA], mean[ANTENNA + 1], mean[ANTENNA + 2] = la, lo, altitude
         fill_axes(math.sin(la), math.cos(la), math.sin(lo), math.cos(lo), axes)
         fill_jacobian(T, C, v, axes, arm, J)
-        spread(J, row[core.OUT_P : core.OUT_P + NAV * NAV], JP, S)
+        spread(J, row[arrays.OUT_P : arrays.OUT_P + NAV * NAV], JP, S)
         covariances.pose[k] = S[POSE:LEVEL_VELOCITY, POSE:LEVEL_VELOCITY]
         covariances.pose[k, 5, 5] = min(S[POSE + 5, POSE + 5], LARGEST_HEADING_VARIANCE)
         covariances.velocity[k] = S[LEVEL_VELOCITY:TWIST, LEVEL_VELOCITY:TWIST]
         covariances.twist[k, :3, :3] = S[TWIST:PLACE, TWIST:PLACE]
         covariances.antenna[k] = S[PLACE:ERRORS, PLACE:ERRORS]
         for i in range(3):
-            covariances.twist[k, 3 + i, 3 + i] = row[core.OUT_BIAS_VARIANCE + i]
+            covariances.twist[k, 3 + i, 3 + i] = row[arrays.OUT_BIAS_VARIANCE + i]
 
 
 def solve(
@@ -216,8 +216,8 @@ def solve(
     covariances = room_for(len(values))
     solve_rows(values, place, np.array(lever_arm_m, dtype=float), means, covariances)
     means[:, ANTENNA : ANTENNA + 2] *= 180.0 / math.pi
-    bias = values[:, core.OUT_BIAS : core.OUT_BIAS + 6]
-    variance = values[:, core.OUT_BIAS_VARIANCE : core.OUT_BIAS_VARIANCE + 6]
+    bias = values[:, arrays.OUT_BIAS : arrays.OUT_BIAS + 6]
+    variance = values[:, arrays.OUT_BIAS_VARIANCE : arrays.OUT_BIAS_VARIANCE + 6]
     bias_sigma = np.sqrt(np.maximum(variance, 0.0))
     return Solution(
         stamp_ns,
@@ -227,12 +227,12 @@ def solve(
         covariances.pose,
         covariances.velocity,
         means[:, BODY_VELOCITY : BODY_VELOCITY + 3],
-        values[:, core.OUT_RATE : core.OUT_RATE + 3],
+        values[:, arrays.OUT_RATE : arrays.OUT_RATE + 3],
         covariances.twist,
         means[:, ANTENNA : ANTENNA + 3],
         covariances.antenna,
-        values[:, core.OUT_HYPOTHESES].astype(np.int64),
-        values[:, core.OUT_STILL] > 0,
+        values[:, arrays.OUT_HYPOTHESES].astype(np.int64),
+        values[:, arrays.OUT_STILL] > 0,
         bias[:, :3],
         bias_sigma[:, :3],
         bias[:, 3:],

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nav_fusion import core
+from nav_fusion import arrays
 from nav_fusion.alignment import MOVING_TILT_RAD, heading_by_field, hypotheses
 from nav_fusion.noise import NavigationNoise
 from nav_fusion.parameters import Parameters
@@ -115,7 +115,7 @@ class Waiting:
     def _earliest_fix(self) -> Measurement | None:
         assert self._first_ns is not None
         ready = self._first_ns + round(self._parameters.alignment_s * 1e9)
-        fixes = [m for m in self._measurements if m.kind == core.FIX and m.time_ns > ready]
+        fixes = [m for m in self._measurements if m.kind == arrays.FIX and m.time_ns > ready]
         return min(fixes, key=lambda m: m.time_ns, default=None)
 
     def _drop_ahead(self, now_ns: int) -> None:
@@ -124,7 +124,7 @@ class Waiting:
         if ahead:
             self.ahead_s = (ahead[0].time_ns - now_ns) * 1e-9
             self._measurements = [m for m in self._measurements if m.time_ns <= limit]
-            self.dropped += sum(m.kind == core.FIX for m in ahead)
+            self.dropped += sum(m.kind == arrays.FIX for m in ahead)
 
     def _trim(self) -> None:
         fix = self._earliest_fix()
@@ -136,7 +136,7 @@ class Waiting:
             self._stamp_ns = self._stamp_ns[first:]
             self._rate, self._force = self._rate[first:], self._force[first:]
             old = [m for m in self._measurements if m.time_ns < oldest]
-            self.dropped += sum(m.kind == core.FIX for m in old)
+            self.dropped += sum(m.kind == arrays.FIX for m in old)
             self._measurements = [m for m in self._measurements if m.time_ns >= oldest]
 
     def _start(self, fix: Measurement, trigger: int) -> Start | None:
@@ -178,8 +178,8 @@ class Waiting:
         )
         begin_ns = int(self._stamp_ns[first])
         later = tuple(m for m in self._measurements if m.time_ns > begin_ns)
-        earlier = sum(m.kind == core.FIX for m in self._measurements) - sum(
-            m.kind == core.FIX for m in later
+        earlier = sum(m.kind == arrays.FIX for m in self._measurements) - sum(
+            m.kind == arrays.FIX for m in later
         )
         return Start(
             bank,
@@ -200,7 +200,7 @@ class Waiting:
         fields = [
             m.z[0:3]
             for m in self._measurements
-            if m.kind == core.FIELD and stamp_ns[0] <= m.time_ns <= stamp_ns[-1]
+            if m.kind == arrays.FIELD and stamp_ns[0] <= m.time_ns <= stamp_ns[-1]
         ]
         if fields:
             field = np.mean(fields, axis=0)

@@ -8,7 +8,7 @@ from nav_fusion.earth import ecef_from_geodetic, level_axes
 from nav_fusion.solution import LARGEST_HEADING_VARIANCE, Solution, solve
 from scipy.spatial.transform import Rotation
 
-from nav_fusion import core
+from nav_fusion import arrays
 
 ORIGIN = (47.0, 8.0, 400.0)
 LEVER = (0.8, -0.3, 1.5)
@@ -27,11 +27,11 @@ def scene() -> tuple[np.ndarray, np.ndarray, Rotation, np.ndarray]:
 
 
 def row_of(r: np.ndarray, v: np.ndarray, attitude: Rotation, P: np.ndarray) -> np.ndarray:
-    row = np.zeros(core.OUT_SIZE)
+    row = np.zeros(arrays.OUT_SIZE)
     x, y, z, w = attitude.as_quat()
     row[:10] = (*r, *v, w, x, y, z)
-    row[core.OUT_P : core.OUT_P + 81] = P.ravel()
-    row[core.OUT_HYPOTHESES] = 1
+    row[arrays.OUT_P : arrays.OUT_P + 81] = P.ravel()
+    row[arrays.OUT_HYPOTHESES] = 1
     return row
 
 

@@ -1,0 +1,439 @@
+"""All hypotheses of a filter at once: moved, corrected, pruned, and given out as one row."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from imu_noise_id.compiled import njit
+
+from nav_fusion.arrays import (
+    ACCEL_PSD,
+    FIELD,
+    FIX,
+    GAP,
+    GYRO_PSD,
+    IMU_RING,
+    LAST_DT,
+    LOST_NS,
+    MATRIX,
+    OUT_BIAS,
+    OUT_BIAS_VARIANCE,
+    OUT_HYPOTHESES,
+    OUT_P,
+    OUT_RATE,
+    OUT_STILL,
+    OUTCOME,
+    RESTING,
+    START,
+    STILL,
+    UNKNOWN,
+    VECTORS,
+    VELOCITY_KIND,
+    Core,
+    Floats,
+    sensing_of,
+    slow_of,
+    update_of,
+)
+from nav_fusion.earth import gravity_at
+from nav_fusion.observe import (
+    ALIGNED_S,
+    KEPT_OUT,
+    LOST,
+    RESULT,
+    RESULT_SIZE,
+    correct_by_field,
+    correct_by_fix,
+    correct_by_velocity,
+)
+from nav_fusion.state import (
+    ALIVE,
+    BIAS,
+    ELAPSED,
+    FORCE_SUM,
+    GAP_VARIANCE,
+    LOG_WEIGHT,
+    NAV,
+    SLOW,
+    STRIDE,
+    TURN_SUM,
+    Q,
+    R,
+    SlowModel,
+    V,
+)
+from nav_fusion.strapdown import (
+    Nine,
+    Three,
+    mechanise,
+    move_pairs,
+    propagate_covariance,
+    rotation_matrix,
+    scratch_views,
+    slow_step,
+)
+
+COVARIANCE_STEP_S = 0.01
+"""At most about this long: 100 Hz is within 2e-4 of 1 kHz, and ten times cheaper."""
+RESTING_STEP_S = 0.05
+"""The same at rest, where attitude and force stay as they are: within 2e-4 of the other."""
+
+
+@njit(cache=True)
+def total_bias(s: Floats, slow: SlowModel, gyro: Floats, accel: Floats) -> None:
+    """Summed slow terms of each inertial axis."""
+    for i in range(3):
+        gyro[i] = 0.0
+        accel[i] = 0.0
+    for k in range(slow.target.size):
+        t = slow.target[k]
+        if t < 3:
+            gyro[t] += s[SLOW + k]
+        elif t < 6:
+            accel[t - 3] += s[SLOW + k]
+
+
+@njit(cache=True)
+def disturbance_psd(gap_s: float, sigma: float, correlation_s: float) -> float:
+    """White spectrum that stands for unknown motion in a gap: 2 sigma^2 T min(1, (gap/T)^2).
+
+    A straight line across a short gap errs little; across one longer than T it knows nothing.
+    """
+    ratio = min(1.0, gap_s / correlation_s)
+    return 2.0 * sigma * sigma * correlation_s * ratio * ratio
+
+
+@njit(cache=True)
+def refresh_bias(s: Floats, slow: SlowModel) -> None:
+    """Sum the slow terms of each inertial axis, after they have changed."""
+    total_bias(s, slow, s[BIAS : BIAS + 3], s[BIAS + 3 : BIAS + 6])
+
+
+@njit(cache=True)
+def at_part(a: Floats, b: Floats, first: int, x: float, s: Floats, bias: int) -> Three:
+    """Three readings at the part ``x`` of the way between two samples, less their biases."""
+    return (
+        a[first] + x * (b[first] - a[first]) - s[bias],
+        a[first + 1] + x * (b[first + 1] - a[first + 1]) - s[bias + 1],
+        a[first + 2] + x * (b[first + 2] - a[first + 2]) - s[bias + 2],
+    )
+
+
+@njit(cache=True)
+def glide(s: Floats, a: Floats, b: Floats, x0: float, x1: float, dt: float) -> None:
+    """Take a hypothesis from part ``x0`` to ``x1`` between two samples, ``dt`` long.
+
+    The covariance follows in steps of :func:`covariance_step` (:func:`settle`), for which
+    specific force and attitude are summed.
+    """
+    w0, w1 = at_part(a, b, 0, x0, s, BIAS), at_part(a, b, 0, x1, s, BIAS)
+    f0, f1 = at_part(a, b, 3, x0, s, BIAS + 3), at_part(a, b, 3, x1, s, BIAS + 3)
+    force, C = mechanise(s, w0, w1, f0, f1, dt)
+    s[ELAPSED] += dt
+    for i in range(3):
+        s[FORCE_SUM + i] += dt * force[i]
+    for i in range(9):
+        s[TURN_SUM + i] += dt * C[i]
+
+
+@njit(cache=True)
+def covariance_step(core: Core) -> float:
+    """How much time may gather, s, before the covariances follow."""
+    return RESTING_STEP_S if core.shared[RESTING] == 1.0 else COVARIANCE_STEP_S
+
+
+@njit(cache=True)
+def propagate(core: Core, sample: int, from_ns: int, to_ns: int) -> None:
+    """Take every hypothesis from one time to another inside the interval that ends at a sample."""
+    a, b = (sample - 1) % IMU_RING, sample % IMU_RING
+    whole = float(core.imu_ns[b] - core.imu_ns[a])
+    x0 = float(from_ns - core.imu_ns[a]) / whole
+    x1 = float(to_ns - core.imu_ns[a]) / whole
+    dt = float(to_ns - from_ns) * 1e-9
+    k = core.constants
+    gap = whole > core.cursor[GAP]
+    longest = covariance_step(core)
+    for h in range(core.bank.shape[0]):
+        s = core.bank[h]
+        if s[ALIVE] == 0.0:
+            continue
+        glide(s, core.imu[a], core.imu[b], x0, x1, dt)
+        if gap:
+            s[GAP_VARIANCE] += dt * disturbance_psd(1e-9 * whole, k[UNKNOWN], k[UNKNOWN + 1])
+            s[GAP_VARIANCE + 1] += dt * disturbance_psd(
+                1e-9 * whole, k[UNKNOWN + 2], k[UNKNOWN + 3]
+            )
+        if s[ELAPSED] + 0.5 * dt >= longest:
+            settle(core, s)
+
+
+@njit(cache=True)
+def glide_over(core: Core, first: int, last: int) -> None:
+    """Take every hypothesis over the whole intervals that end at samples ``first`` to ``last``-1.
+
+    The same as :func:`propagate` interval by interval where nothing happens at any of them.
+    """
+    longest = covariance_step(core)
+    for h in range(core.bank.shape[0]):
+        s = core.bank[h]
+        if s[ALIVE] == 0.0:
+            continue
+        for sample in range(first, last):
+            a, b = (sample - 1) % IMU_RING, sample % IMU_RING
+            dt = float(core.imu_ns[b] - core.imu_ns[a]) * 1e-9
+            glide(s, core.imu[a], core.imu[b], 0.0, 1.0, dt)
+            if s[ELAPSED] + 0.5 * dt >= longest:
+                settle(core, s)
+
+
+@njit(cache=True)
+def settle(core: Core, s: Floats) -> None:
+    """Bring covariance and slow states up to the state's time.
+
+    With the mean specific force and the mean attitude of the samples since the last time, which
+    are exact to second order in the step: the covariance does not depend on the IMU's rate.
+    """
+    dt = s[ELAPSED]
+    if dt == 0.0:
+        return
+    m = core.target.size
+    slow, work = slow_of(core), scratch_views(core.work[VECTORS:], m)
+    if dt != core.work[LAST_DT]:
+        slow_step(slow, dt, work.decay, work.mean, work.half_noise)
+        core.work[LAST_DT] = dt
+    k, x = core.constants, 1.0 / dt
+    turn, force = x * s[GAP_VARIANCE + 1], x * s[GAP_VARIANCE]
+    propagate_covariance(
+        s[SLOW + m :],
+        mean_attitude(s, x),
+        mean_force(core, s, x),
+        (s[R], s[R + 1], s[R + 2]),
+        dt,
+        slow,
+        (k[GYRO_PSD] + turn, k[GYRO_PSD + 1] + turn, k[GYRO_PSD + 2] + turn),
+        (k[ACCEL_PSD] + force, k[ACCEL_PSD + 1] + force, k[ACCEL_PSD + 2] + force),
+        work,
+    )
+    for i in range(m):
+        s[SLOW + i] *= work.decay[i]
+    move_pairs(s[SLOW : SLOW + m], slow, dt)
+    s[ELAPSED : GAP_VARIANCE + 2] = 0.0
+    refresh_bias(s, slow)
+
+
+@njit(cache=True)
+def mean_force(core: Core, s: Floats, x: float) -> Three:
+    """Mean specific force in e since the last :func:`settle`; what bears gravity while at rest.
+
+    Its noise would let a heading error act on the velocity, and every velocity of 0 would seem to
+    say that there is none: at rest the heading would become known from nothing.  Beyond five sigma
+    of that noise the platform has begun to move.
+    """
+    f = (x * s[FORCE_SUM], x * s[FORCE_SUM + 1], x * s[FORCE_SUM + 2])
+    if core.shared[RESTING] == 1.0:
+        g = gravity_at(s[R], s[R + 1], s[R + 2])
+        beyond2 = (f[0] + g[0]) ** 2 + (f[1] + g[1]) ** 2 + (f[2] + g[2]) ** 2
+        k = core.constants
+        if beyond2 < 25.0 * x * (k[ACCEL_PSD] + k[ACCEL_PSD + 1] + k[ACCEL_PSD + 2]):
+            return -g[0], -g[1], -g[2]
+    return f
+
+
+@njit(cache=True)
+def mean_attitude(s: Floats, x: float) -> Nine:
+    """Mean rotation matrix, by rows, of what was summed since the last :func:`settle`."""
+    c = s[TURN_SUM : TURN_SUM + 9]
+    return (
+        x * c[0],
+        x * c[1],
+        x * c[2],
+        x * c[3],
+        x * c[4],
+        x * c[5],
+        x * c[6],
+        x * c[7],
+        x * c[8],
+    )
+
+
+@njit(cache=True)
+def settle_all(core: Core) -> None:
+    """Bring all living hypotheses up to the state's time."""
+    for h in range(core.bank.shape[0]):
+        if core.bank[h, ALIVE] > 0.0:
+            settle(core, core.bank[h])
+
+
+@njit(cache=True)
+def heading_of(s: Floats, core: Core) -> float:
+    """Yaw of a hypothesis about the sphere's vertical, for comparison with the others'."""
+    C = core.work[MATRIX : MATRIX + 9].reshape(3, 3)
+    rotation_matrix(s[Q : Q + 4], C)
+    x, y, z = s[R], s[R + 1], s[R + 2]
+    p = math.sqrt(x * x + y * y)
+    radius = math.sqrt(p * p + z * z)
+    sl, cl = z / radius, p / radius
+    axis = 0
+    up = cl * (x / p * C[0, 0] + y / p * C[1, 0]) + sl * C[2, 0]
+    if abs(up) > 0.98:
+        axis = 1
+    east = -y / p * C[0, axis] + x / p * C[1, axis]
+    north = -sl * (x / p * C[0, axis] + y / p * C[1, axis]) + cl * C[2, axis]
+    return math.atan2(north, east)
+
+
+@njit(cache=True)
+def heading_variance(s: Floats, m: int) -> float:
+    """Variance of psi about the sphere's vertical."""
+    P = s[SLOW + m :]
+    radius2 = s[R] ** 2 + s[R + 1] ** 2 + s[R + 2] ** 2
+    total = 0.0
+    for i in range(3):
+        for j in range(3):
+            total += s[R + i] * s[R + j] * P[(6 + i) * STRIDE + 6 + j]
+    return total / radius2
+
+
+@njit(cache=True)
+def heaviest(core: Core) -> int:
+    """Index of the living hypothesis of largest weight."""
+    best = -1
+    for h in range(core.bank.shape[0]):
+        if core.bank[h, ALIVE] > 0.0 and (
+            best < 0 or core.bank[h, LOG_WEIGHT] > core.bank[best, LOG_WEIGHT]
+        ):
+            best = h
+    return best
+
+
+@njit(cache=True)
+def wrap(angle: float) -> float:
+    """Angle in [-pi, pi)."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+@njit(cache=True)
+def prune(core: Core, time_s: float) -> None:
+    """End hypotheses that are 10^-6 as likely as the best, or that have become the same as it."""
+    best = heaviest(core)
+    if core.bank[best, ALIGNED_S] != 0.0:
+        return
+    m = core.target.size
+    here = heading_of(core.bank[best], core)
+    certain = heading_variance(core.bank[best], m)
+    alive = 0
+    for h in range(core.bank.shape[0]):
+        s = core.bank[h]
+        if s[ALIVE] == 0.0:
+            continue
+        behind = core.bank[best, LOG_WEIGHT] - s[LOG_WEIGHT]
+        apart = wrap(heading_of(s, core) - here)
+        same = certain < 0.01 and apart * apart < 0.25 * certain + 1e-6
+        if h != best and (behind > 13.8 or same):
+            s[ALIVE] = 0.0
+        else:
+            alive += 1
+    if alive == 1:
+        core.bank[best, ALIGNED_S] = time_s
+
+
+@njit(cache=True)
+def correct(core: Core, index: int, sample: int) -> None:
+    """Apply measurement ``index`` to every living hypothesis; ``sample`` is the last before it."""
+    kind, z = core.kind[index], core.z[index]
+    time_s = float(core.measurement_ns[index] - core.cursor[START]) * 1e-9
+    rate, rests = core.work[:3], core.shared[RESTING] == 1.0
+    slow, sensing, update = slow_of(core), sensing_of(core), update_of(core)
+    for h in range(core.bank.shape[0]):
+        s = core.bank[h]
+        if s[ALIVE] == 0.0:
+            continue
+        settle(core, s)
+        if kind == FIX:
+            correct_by_fix(s, slow, z, time_s, rests, sensing, update)
+        elif kind == VELOCITY_KIND:
+            for i in range(3):
+                rate[i] = core.imu[sample % IMU_RING, i] - s[BIAS + i]
+            correct_by_velocity(s, slow, z, rate, rests, sensing, update)
+        else:
+            correct_by_field(s, slow, z, sensing, update)
+        refresh_bias(s, slow)
+    if kind == FIX:
+        best = core.bank[heaviest(core)]
+        if best[RESULT + RESULT_SIZE - 1] == LOST:
+            best[RESULT + RESULT_SIZE - 1] = KEPT_OUT
+            core.cursor[LOST_NS] = core.measurement_ns[index]
+        core.z[index, OUTCOME : OUTCOME + RESULT_SIZE] = best[RESULT : RESULT + RESULT_SIZE]
+    if kind != FIELD:
+        prune(core, time_s)
+
+
+@njit(cache=True)
+def mixture(core: Core, best: int, mean: Floats, P: Floats) -> int:
+    """Mean (9,) about the heaviest hypothesis and covariance (81,) of all; returns how many live.
+
+    The attitude that is published is the heaviest's, so its spread is about that one.
+    """
+    m = core.target.size
+    s = core.bank[best]
+    if s[ALIGNED_S] != 0.0:
+        own = s[SLOW + m :]
+        for i in range(NAV):
+            P[NAV * i : NAV * i + NAV] = own[i * STRIDE : i * STRIDE + NAV]
+        return 1
+    here = heading_of(s, core)
+    radius = math.sqrt(s[R] ** 2 + s[R + 1] ** 2 + s[R + 2] ** 2)
+    difference = np.zeros(NAV)
+    total = 0.0
+    alive = 0
+    for h in range(core.bank.shape[0]):
+        other = core.bank[h]
+        if other[ALIVE] == 0.0:
+            continue
+        alive += 1
+        weight = math.exp(other[LOG_WEIGHT] - s[LOG_WEIGHT])
+        total += weight
+        turn = wrap(heading_of(other, core) - here) if h != best else 0.0
+        for i in range(3):
+            difference[i] = other[R + i] - s[R + i]
+            difference[3 + i] = other[V + i] - s[V + i]
+            difference[6 + i] = turn * s[R + i] / radius
+        own = other[SLOW + m :]
+        for i in range(NAV):
+            mean[i] += weight * difference[i]
+            for j in range(NAV):
+                P[NAV * i + j] += weight * (own[i * STRIDE + j] + difference[i] * difference[j])
+    mean /= total
+    for i in range(NAV):
+        for j in range(NAV):
+            P[NAV * i + j] /= total
+            if i < 6 or j < 6:  # place and velocity are published at their mean, attitude is not
+                P[NAV * i + j] -= mean[i] * mean[j]
+    mean[6:] = 0.0
+    return alive
+
+
+@njit(cache=True)
+def write_output(core: Core, k: int, row: Floats) -> None:
+    """One row: r, v, q, P of (r, v, psi), angular rate, biases and their variances."""
+    best = heaviest(core)
+    s = core.bank[best]
+    mean = np.zeros(NAV)
+    row[:] = 0.0
+    row[OUT_HYPOTHESES] = mixture(core, best, mean, row[OUT_P : OUT_P + NAV * NAV])
+    row[OUT_STILL] = core.shared[STILL]
+    for i in range(3):
+        row[i] = s[R + i] + mean[i]
+        row[3 + i] = s[V + i] + mean[3 + i]
+    row[6:10] = s[Q : Q + 4]
+    m = core.target.size
+    for i in range(3):
+        row[OUT_RATE + i] = core.imu[k, i] - s[BIAS + i]
+    row[OUT_BIAS : OUT_BIAS + 6] = s[BIAS : BIAS + 6]
+    P = s[SLOW + m :]
+    for a in range(m):
+        for b in range(m):
+            t = core.target[a]
+            if t < 6 and t == core.target[b]:
+                row[OUT_BIAS_VARIANCE + t] += P[(NAV + a) * STRIDE + NAV + b]
