@@ -27,7 +27,7 @@ Z_SIZE = 26
 OUTCOME = 18
 IMU_RING = 16384
 MEASUREMENT_RING = 1024
-CHECKPOINTS = 64
+CHECKPOINTS = 16
 MOST_SAMPLES = 4096
 REACH = IMU_RING - MOST_SAMPLES - 8
 
@@ -40,7 +40,10 @@ BLOCK_STEPS, SLOW_BLOCKS, QUIET_STEPS, LOUD_STEPS = 22, 24, 25, 28
 many, with their sums, in blocks of rest and in blocks that only the fixes show to be at rest."""
 DENIED_AT = 31
 """Where the platform was (ECEF, 3) when it began to be watched for rest again."""
-SHARED = 34
+LAG, LAG_TURN = 34, 35
+"""How long, s, all but the heaviest hypothesis lag behind; its turn (3) since, and how the specific
+force has changed its velocity (3) and moved its place (3) (:func:`nav_fusion.hypotheses.lead`)."""
+SHARED = 44
 
 # cursor: where the queues stand (int64)
 SAMPLES, HEAD_MEASUREMENT, NEXT, FIRST_CHECKPOINT, LAST_CHECKPOINT, AHEAD = 0, 1, 2, 3, 4, 5
@@ -84,6 +87,7 @@ class Core(NamedTuple):
     target: Ints  # (m,)
     slow_table: Floats  # (4, m)
     constants: Floats  # (CONSTANTS,)
+    ahead: Floats  # (size,), one hypothesis: scratch
     work: Floats  # scratch
 
 
@@ -115,6 +119,7 @@ def new_core(
         slow.target,
         np.stack([slow.rate, slow.psd, slow.variance, slow.spin]),
         np.concatenate([layout.gyro_psd, layout.accel_psd, gap, quiet, *sensing]),
+        np.zeros(size),
         np.zeros(VECTORS + SCRATCH_SIZE + UPDATE_SIZE),
     )
 

@@ -43,7 +43,7 @@ from nav_fusion.arrays import (
     Floats,
     Ints,
 )
-from nav_fusion.hypotheses import correct, glide_over, propagate, settle_all, write_output
+from nav_fusion.hypotheses import correct, get_ready, glide_over, propagate, write_output
 from nav_fusion.state import ALIVE
 from nav_fusion.stillness import add_to_block, begin_block, block_due, close_block
 
@@ -125,7 +125,7 @@ def advance(core: Core, sample: int) -> bool:
             close_block(core, end)
     due = end >= c[PUBLISH_DUE]
     if due:
-        settle_all(core)
+        get_ready(core)
         c[PUBLISH_DUE] = next_publish(core, end)
     if end >= c[CHECKPOINT_DUE]:
         save_checkpoint(core)

@@ -543,7 +543,7 @@ class Engine:
         p = self.parameters
         window_s = p.lateness_s + max(p.gnss_delay_s, 0.0)
         gap_s = 2.5 * start.period_s
-        spans = (window_s / 40, 1 / p.publish_rate_hz, gap_s, window_s, AHEAD_S)
+        spans = (window_s / 10, 1 / p.publish_rate_hz, gap_s, window_s, AHEAD_S)
         times = np.array([start.stamp_ns[0], *(round(t * 1e9) for t in spans)], dtype=np.int64)
         gap = np.array(
             [p.gap_accel_m_s2, p.gap_correlation_s, p.gap_rate_rad_s, p.gap_correlation_s]

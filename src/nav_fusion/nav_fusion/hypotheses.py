@@ -14,6 +14,8 @@ from nav_fusion.arrays import (
     GAP,
     GYRO_PSD,
     IMU_RING,
+    LAG,
+    LAG_TURN,
     LAST_DT,
     LOST_NS,
     MATRIX,
@@ -121,26 +123,126 @@ def at_part(a: Floats, b: Floats, first: int, x: float, s: Floats, bias: int) ->
 
 
 @njit(cache=True)
-def glide(s: Floats, a: Floats, b: Floats, x0: float, x1: float, dt: float) -> None:
-    """Take a hypothesis from part ``x0`` to ``x1`` between two samples, ``dt`` long.
+def cross(a: Three, b: Three) -> Three:
+    """Cross product."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
 
+
+@njit(cache=True)
+def step(s: Floats, w0: Three, w1: Three, f0: Three, f1: Three, dt: float) -> Nine:
+    """Take a hypothesis over ``dt``; rate and force, biases removed, run straight from 0 to 1.
+
+    Returns the attitude in the middle.
     The covariance follows in steps of :func:`covariance_step` (:func:`settle`), for which
     specific force and attitude are summed.
     """
-    w0, w1 = at_part(a, b, 0, x0, s, BIAS), at_part(a, b, 0, x1, s, BIAS)
-    f0, f1 = at_part(a, b, 3, x0, s, BIAS + 3), at_part(a, b, 3, x1, s, BIAS + 3)
     force, C = mechanise(s, w0, w1, f0, f1, dt)
     s[ELAPSED] += dt
     for i in range(3):
         s[FORCE_SUM + i] += dt * force[i]
     for i in range(9):
         s[TURN_SUM + i] += dt * C[i]
+    return C
+
+
+@njit(cache=True)
+def glide(s: Floats, a: Floats, b: Floats, x0: float, x1: float, dt: float) -> None:
+    """Take a hypothesis from part ``x0`` to ``x1`` between two samples, ``dt`` long."""
+    w0, w1 = at_part(a, b, 0, x0, s, BIAS), at_part(a, b, 0, x1, s, BIAS)
+    f0, f1 = at_part(a, b, 3, x0, s, BIAS + 3), at_part(a, b, 3, x1, s, BIAS + 3)
+    step(s, w0, w1, f0, f1, dt)
 
 
 @njit(cache=True)
 def covariance_step(core: Core) -> float:
     """How much time may gather, s, before the covariances follow."""
     return RESTING_STEP_S if core.shared[RESTING] == 1.0 else COVARIANCE_STEP_S
+
+
+@njit(cache=True)
+def has_followers(core: Core) -> bool:
+    """Whether the heaviest hypothesis goes ahead and the others follow: at rest, while many live.
+
+    Of a platform that rests all headings tell the same, and what they differ by hardly changes.
+    """
+    several = core.bank.shape[0] > 1 and core.bank[heaviest(core), ALIGNED_S] == 0.0
+    return several and core.shared[RESTING] == 1.0
+
+
+@njit(cache=True)
+def lead(core: Core, a: Floats, b: Floats, x0: float, x1: float, dt: float) -> None:
+    """Take the heaviest hypothesis over a part of an interval, and gather it for the others.
+
+    What is gathered, of readings less the heaviest's biases, in the axes at the beginning: the turn
+    and, with what has turned so far (sculling), by how much the specific force has changed the
+    velocity, and moved the place by that.
+    """
+    d, s = core.shared, core.bank[heaviest(core)]
+    x = 0.5 * (x0 + x1)
+    w, f = at_part(a, b, 0, x, s, BIAS), at_part(a, b, 3, x, s, BIAS + 3)
+    turn, change, shift = lag_views(d)
+    middle = (turn[0] + 0.5 * dt * w[0], turn[1] + 0.5 * dt * w[1], turn[2] + 0.5 * dt * w[2])
+    across = cross(middle, f)
+    for i in range(3):
+        more = dt * (f[i] + across[i])
+        shift[i] += dt * (change[i] + 0.5 * more)
+        change[i] += more
+        turn[i] += dt * w[i]
+    d[LAG] += dt
+    glide(s, a, b, x0, x1, dt)
+    if s[ELAPSED] + 0.5 * dt >= RESTING_STEP_S:
+        settle_all(core)
+
+
+@njit(cache=True)
+def catch_up(core: Core) -> None:
+    """Let the hypotheses that lag follow to the state's time, in one step, without covariances."""
+    d, best = core.shared, heaviest(core)
+    dt = d[LAG]
+    if dt == 0.0:
+        return
+    for h in range(core.bank.shape[0]):
+        if h != best and core.bank[h, ALIVE] > 0.0:
+            follow(core.bank[h], core.bank[best], d, dt)
+    d[LAG : LAG_TURN + 9] = 0.0
+
+
+@njit(cache=True)
+def follow(s: Floats, best: Floats, d: Floats, dt: float) -> None:
+    """Take a hypothesis over the time that it lags: the mean readings, its own biases removed.
+
+    The change of velocity is turned into the axes of the middle, where :func:`step` has its force;
+    the place has moved by other than half of it.
+    """
+    t, v, shift = lag_views(d)
+    back = cross((-0.5 * t[0], -0.5 * t[1], -0.5 * t[2]), (v[0], v[1], v[2]))
+    g, a = BIAS, BIAS + 3
+    w = (
+        t[0] / dt + best[g] - s[g],
+        t[1] / dt + best[g + 1] - s[g + 1],
+        t[2] / dt + best[g + 2] - s[g + 2],
+    )
+    f = (
+        (v[0] + back[0]) / dt + best[a] - s[a],
+        (v[1] + back[1]) / dt + best[a + 1] - s[a + 1],
+        (v[2] + back[2]) / dt + best[a + 2] - s[a + 2],
+    )
+    C, h = step(s, w, w, f, f, dt), 0.5 * dt
+    x, y, z = shift[0] - h * v[0], shift[1] - h * v[1], shift[2] - h * v[2]
+    s[R] += C[0] * x + C[1] * y + C[2] * z
+    s[R + 1] += C[3] * x + C[4] * y + C[5] * z
+    s[R + 2] += C[6] * x + C[7] * y + C[8] * z
+
+
+@njit(cache=True)
+def lag_views(d: Floats) -> tuple[Floats, Floats, Floats]:
+    """Turn, change of velocity and of place that were gathered."""
+    a = LAG_TURN
+    return d[a : a + 3], d[a + 3 : a + 6], d[a + 6 : a + 9]
 
 
 @njit(cache=True)
@@ -153,6 +255,10 @@ def propagate(core: Core, sample: int, from_ns: int, to_ns: int) -> None:
     dt = float(to_ns - from_ns) * 1e-9
     k = core.constants
     gap = whole > core.cursor[GAP]
+    if has_followers(core) and not gap:
+        lead(core, core.imu[a], core.imu[b], x0, x1, dt)
+        return
+    catch_up(core)
     longest = covariance_step(core)
     for h in range(core.bank.shape[0]):
         s = core.bank[h]
@@ -174,6 +280,12 @@ def glide_over(core: Core, first: int, last: int) -> None:
 
     The same as :func:`propagate` interval by interval where nothing happens at any of them.
     """
+    if has_followers(core):
+        for sample in range(first, last):
+            a, b = (sample - 1) % IMU_RING, sample % IMU_RING
+            dt = float(core.imu_ns[b] - core.imu_ns[a]) * 1e-9
+            lead(core, core.imu[a], core.imu[b], 0.0, 1.0, dt)
+        return
     longest = covariance_step(core)
     for h in range(core.bank.shape[0]):
         s = core.bank[h]
@@ -259,10 +371,23 @@ def mean_attitude(s: Floats, x: float) -> Nine:
 
 @njit(cache=True)
 def settle_all(core: Core) -> None:
-    """Bring all living hypotheses up to the state's time."""
+    """Bring all living hypotheses, and their covariances, up to the state's time."""
+    catch_up(core)
     for h in range(core.bank.shape[0]):
         if core.bank[h, ALIVE] > 0.0:
             settle(core, core.bank[h])
+
+
+@njit(cache=True)
+def get_ready(core: Core) -> None:
+    """Bring up to the state's time what a row is made of.
+
+    Covariances of hypotheses that follow wait: how often rows are due changes no likelihood.
+    """
+    if has_followers(core):
+        catch_up(core)
+    else:
+        settle_all(core)
 
 
 @njit(cache=True)
@@ -345,11 +470,11 @@ def correct(core: Core, index: int, sample: int) -> None:
     time_s = float(core.measurement_ns[index] - core.cursor[START]) * 1e-9
     rate, rests = core.work[:3], core.shared[RESTING] == 1.0
     slow, sensing, update = slow_of(core), sensing_of(core), update_of(core)
+    settle_all(core)
     for h in range(core.bank.shape[0]):
         s = core.bank[h]
         if s[ALIVE] == 0.0:
             continue
-        settle(core, s)
         if kind == FIX:
             correct_by_fix(s, slow, z, time_s, rests, sensing, update)
         elif kind == VELOCITY_KIND:
@@ -370,17 +495,14 @@ def correct(core: Core, index: int, sample: int) -> None:
 
 
 @njit(cache=True)
-def mixture(core: Core, best: int, mean: Floats, P: Floats) -> int:
-    """Mean (9,) about the heaviest hypothesis and covariance (81,) of all; returns how many live.
+def spread(core: Core, best: int, mean: Floats, P: Floats) -> int:
+    """What the mixture has beyond the heaviest: mean (9,), covariance (81,); returns how many live.
 
     The attitude that is published is the heaviest's, so its spread is about that one.
     """
     m = core.target.size
     s = core.bank[best]
     if s[ALIGNED_S] != 0.0:
-        own = s[SLOW + m :]
-        for i in range(NAV):
-            P[NAV * i : NAV * i + NAV] = own[i * STRIDE : i * STRIDE + NAV]
         return 1
     here = heading_of(s, core)
     radius = math.sqrt(s[R] ** 2 + s[R + 1] ** 2 + s[R + 2] ** 2)
@@ -399,11 +521,12 @@ def mixture(core: Core, best: int, mean: Floats, P: Floats) -> int:
             difference[i] = other[R + i] - s[R + i]
             difference[3 + i] = other[V + i] - s[V + i]
             difference[6 + i] = turn * s[R + i] / radius
-        own = other[SLOW + m :]
+        own, its = s[SLOW + m :], other[SLOW + m :]
         for i in range(NAV):
             mean[i] += weight * difference[i]
             for j in range(NAV):
-                P[NAV * i + j] += weight * (own[i * STRIDE + j] + difference[i] * difference[j])
+                beyond = its[i * STRIDE + j] - own[i * STRIDE + j]
+                P[NAV * i + j] += weight * (beyond + difference[i] * difference[j])
     mean /= total
     for i in range(NAV):
         for j in range(NAV):
@@ -416,22 +539,32 @@ def mixture(core: Core, best: int, mean: Floats, P: Floats) -> int:
 
 @njit(cache=True)
 def write_output(core: Core, k: int, row: Floats) -> None:
-    """One row: r, v, q, P of (r, v, psi), angular rate, biases and their variances."""
+    """One row: r, v, q, P of (r, v, psi), angular rate, biases and their variances.
+
+    Where covariances wait (:func:`get_ready`), that of the heaviest goes on to the state's time in
+    a copy; the others' differ from it as they did.
+    """
     best = heaviest(core)
-    s = core.bank[best]
     mean = np.zeros(NAV)
     row[:] = 0.0
-    row[OUT_HYPOTHESES] = mixture(core, best, mean, row[OUT_P : OUT_P + NAV * NAV])
+    row[OUT_HYPOTHESES] = spread(core, best, mean, row[OUT_P : OUT_P + NAV * NAV])
     row[OUT_STILL] = core.shared[STILL]
+    s = core.bank[best]
+    if s[ELAPSED] > 0.0:
+        core.ahead[:] = s
+        s = core.ahead
+        settle(core, s)
+    m = core.target.size
+    P = s[SLOW + m :]
     for i in range(3):
         row[i] = s[R + i] + mean[i]
         row[3 + i] = s[V + i] + mean[3 + i]
-    row[6:10] = s[Q : Q + 4]
-    m = core.target.size
-    for i in range(3):
         row[OUT_RATE + i] = core.imu[k, i] - s[BIAS + i]
+    row[6:10] = s[Q : Q + 4]
+    for i in range(NAV):
+        for j in range(NAV):
+            row[OUT_P + NAV * i + j] += P[i * STRIDE + j]
     row[OUT_BIAS : OUT_BIAS + 6] = s[BIAS : BIAS + 6]
-    P = s[SLOW + m :]
     for a in range(m):
         for b in range(m):
             t = core.target[a]

@@ -35,7 +35,7 @@ from nav_fusion.arrays import (
     slow_of,
     update_of,
 )
-from nav_fusion.hypotheses import heaviest, refresh_bias, settle_all
+from nav_fusion.hypotheses import catch_up, heaviest, refresh_bias, settle_all
 from nav_fusion.observe import (
     correct_by_rates,
     correct_by_stop,
@@ -89,6 +89,7 @@ def block_due(core: Core) -> int:
 @njit(cache=True)
 def close_block(core: Core, time_ns: int) -> None:
     """Decide whether the block was quiet; correct by rest after enough quiet blocks in a row."""
+    catch_up(core)
     length_s = (float(time_ns - core.cursor[START]) - core.shared[BLOCK_START]) * 1e-9
     d, mean, k = core.shared, core.work[24:30], core.constants
     n = d[BLOCK_COUNT]
