@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -288,16 +289,10 @@ def encode(
     known = {*layout.members, *layout.columns}
     if unknown := set(members) - known:
         raise KeyError(f"{msgtype} has no member {sorted(unknown)[0]}")
-    head = _string_bytes(b"\0" * 8, frame_id)
-    if layout.child_frame:
-        head = _string_bytes(_pad(head, 4), child_frame_id)
-    status_at = _ENCAPSULATION + len(head)
-    if layout.fix_status:
-        head = _pad(head + b"\0", 2) + b"\1\0"  # service: GPS
-    head = b"\0\1\0\0" + _pad(head, 8)
-    numbers = len(head)
+    head, status_at = _head(msgtype, frame_id, child_frame_id)
+    numbers = head.size
     rows = np.zeros((stamp_ns.size, numbers + 8 * len(layout.members)), np.uint8)
-    rows[:, :numbers] = np.frombuffer(head, np.uint8)
+    rows[:, :numbers] = head
     seconds, nanoseconds = np.divmod(stamp_ns, 1_000_000_000)
     _put(rows, _ENCAPSULATION, seconds.astype("<i4"))
     _put(rows, _ENCAPSULATION + 4, nanoseconds.astype("<u4"))
@@ -310,6 +305,19 @@ def encode(
     rows[:, status_at] = np.asarray(members.get("status", 0.0)).astype(np.int8).view(np.uint8)
     kind = np.asarray(members.get("covariance_type", 0.0)).astype(np.uint8)
     return np.column_stack((rows, np.broadcast_to(kind, stamp_ns.shape)))
+
+
+@lru_cache(maxsize=64)
+def _head(msgtype: str, frame_id: str, child_frame_id: str) -> tuple[Bytes, int]:
+    """What every message of a topic begins with, its stamp 0; and where a fix's status lies."""
+    layout = LAYOUTS[msgtype]
+    head = _string_bytes(b"\0" * 8, frame_id)
+    if layout.child_frame:
+        head = _string_bytes(_pad(head, 4), child_frame_id)
+    status_at = _ENCAPSULATION + len(head)
+    if layout.fix_status:
+        head = _pad(head + b"\0", 2) + b"\1\0"  # service: GPS
+    return np.frombuffer(b"\0\1\0\0" + _pad(head, 8), np.uint8), status_at
 
 
 def _put(rows: Bytes, at: int, column: NDArray[np.generic]) -> None:

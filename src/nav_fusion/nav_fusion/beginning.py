@@ -9,12 +9,11 @@ takes effect at the next start.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import islice
 
-import numpy as np
 from imu_noise_id.cdr import Decoded
 from imu_noise_id.columns import ColumnBuffer, TopicColumns
+from imu_noise_id.recording import Stamps
 
 from imu_noise_id import cdr
 from nav_fusion.engine import Engine
@@ -49,7 +48,7 @@ class Beginning:
         """Length of the IMU samples kept."""
         return self._span_s
 
-    def add(self, topic: str, msgtype: str, decoded: Decoded, log_ns: Sequence[int]) -> None:
+    def add(self, topic: str, msgtype: str, decoded: Decoded, log_ns: Stamps) -> None:
         """Keep a batch; when it is more than is kept, forget all."""
         if not self.kept or decoded.stamp_ns.size == 0:
             return
@@ -62,7 +61,7 @@ class Beginning:
             return
         k = self._buffer_of(topic, msgtype)
         begin = self._buffers[k].size
-        self._buffers[k].append(decoded, np.asarray(log_ns, dtype=np.int64))
+        self._buffers[k].append(decoded, log_ns)
         self._batches.append((k, begin, self._buffers[k].size))
 
     def _buffer_of(self, topic: str, msgtype: str) -> int:

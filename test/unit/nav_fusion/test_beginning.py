@@ -30,7 +30,7 @@ def fed(d: Drive, beginning: Beginning, engine: Engine, fixes: range | None = No
     """Batches of 20 samples, a fix behind each; of all fixes where none are named."""
     for k in fixes or range(d.fix_ns.size):
         part = slice(20 * k, 20 * (k + 1))
-        log_ns = d.stamp_ns[part].tolist()
+        log_ns = d.stamp_ns[part]
         for topic, kind, batch, came in (
             ("/imu/data", cdr.IMU, imu(d, part), log_ns),
             ("/gps/fix", cdr.NAV_SAT_FIX, fix(d, k), log_ns[-1:]),

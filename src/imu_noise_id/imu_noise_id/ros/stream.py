@@ -62,14 +62,13 @@ class Stream:
         if not data:
             return None
         self._data, self._log_ns = [], []
-        return self.decode(data, log_ns)
-
-    def decode(self, data: Sequence[bytes], log_ns: Sequence[int]) -> tuple[Decoded, Stamps]:
-        """Decode messages and count what is wrong with them."""
-        decoded = decode_batch(self.receiver.type, data)
-        times = np.array(log_ns, np.int64)
+        decoded, times = self.decode(data), np.array(log_ns, np.int64)
         self.watch.feed(decoded, times)
         return decoded, times
+
+    def decode(self, data: Sequence[bytes]) -> Decoded:
+        """Decode messages of the topic; the watch has not seen them yet."""
+        return decode_batch(self.receiver.type, data)
 
     def status(self, owner: str, now_ns: int) -> DiagnosticStatus:
         """Diagnostics of this topic."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from imu_noise_id.cdr import Decoded
 from imu_noise_id.errors import InputError
@@ -234,16 +235,16 @@ class FuseNode(Node):
         aided = False
         for kind, group in groupby(inbox, key=lambda item: item[0]):
             items = list(group)
-            log_ns = [item[2] for item in items]
-            decoded, _ = self._streams[kind].decode([item[1] for item in items], log_ns)
-            receiver = self._streams[kind].receiver
-            self._beginning.add(receiver.topic, receiver.type, decoded, log_ns)
+            stream, log_ns = self._streams[kind], np.array([item[2] for item in items], np.int64)
+            decoded = stream.decode([item[1] for item in items])
             rows = self._feed(kind, decoded)
             if kind != "imu":
                 aided = True
-                self._updates = self._streams[kind].receiver.topic
+                self._updates = stream.receiver.topic
             if rows.stamp_ns.size:
-                self._publish(rows, log_ns[-1])
+                self._publish(rows, int(log_ns[-1]))
+            stream.watch.feed(decoded, log_ns)
+            self._beginning.add(stream.receiver.topic, stream.receiver.type, decoded, log_ns)
         if aided:
             self._publish_status()
 
