@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import betainc, chdtrc
 
 from imu_noise_id.effects.base import Effect, StochasticEffect
 from imu_noise_id.effects.bias_instability import BiasInstability
@@ -149,10 +149,27 @@ def _courses(state: State, found: Analysis) -> list[Finding]:
 def _course(
     state: State, found: Analysis, name: str, effect: Effect, shape: Floats, place: Where
 ) -> Finding:
-    fitted = with_column(state, found, Column(effect, shape))
+    column = Column(effect, shape)
+    fitted = with_column(state, found, column)
     gain = max(fitted.objective - found.objective, 0.0)
-    sign = float(np.sign(fitted.sizes[-1]))
-    return _finding(name, _log_chi2(1, 2.0 * gain), replace(place, z=sign))
+    log_p = gain_log_p(freedom(state, found, column), 2.0 * gain)
+    return _finding(name, log_p, replace(place, z=float(np.sign(fitted.sizes[-1]))))
+
+
+def freedom(state: State, found: Analysis, column: Column) -> float:
+    """Degrees of freedom by which the variance of a course's size is known.
+
+    nu = 2/(g' Cov g) with g the derivatives of that variance's logarithm: those of log S, averaged
+    where the whitened course is (Satterthwaite 1946).  Of a drift that shows in few ordinates, few.
+    """
+    spectrum, bins = found.fit.spectrum, found.ordinates
+    if not spectrum.tangent.size:
+        return np.inf
+    weight = column.coefficients**2 * found.inverse_psd
+    frequency_hz = np.arange(weight.size) / (2.0 * weight.size * state.sample_time_s)
+    mean = [float(np.interp(frequency_hz, bins.frequency_hz, t) @ weight) for t in spectrum.tangent]
+    slope = np.array(mean) / float(np.sum(weight))
+    return 2.0 / max(float(slope @ found.fit.covariance @ slope), 1e-9)
 
 
 def with_column(state: State, found: Analysis, column: Column) -> Analysis:
@@ -250,6 +267,12 @@ def _log_chi2(dof: int, value: float) -> float:
     """Logarithm of the upper tail."""
     tail = float(chdtrc(dof, value))
     return float(np.log(tail)) if tail > 1e-290 else -0.5 * value
+
+
+def gain_log_p(dof: float, value: float) -> float:
+    """Logarithm of the two tails where a gain 2 G = (nu + 1) log(1 + t^2/nu) has this ``value``."""
+    tail = float(betainc(0.5 * dof, 0.5, np.exp(-value / (dof + 1.0))))
+    return float(np.log(tail)) if tail > 1e-290 else -0.5 * value * dof / (dof + 1.0)
 
 
 def _refits(state: State, found: Analysis) -> list[Finding]:
