@@ -56,8 +56,9 @@ class Innovations:
 
 def white(values: Floats, observed: Mask) -> Innovations:
     """Return the model of order zero."""
-    count = int(observed.sum())
-    variance = float(np.mean(values[observed] ** 2))
+    seen = values if observed.all() else values[observed]
+    count = seen.size
+    variance = float(seen @ seen) / max(count, 1)
     deviance = count * np.log(max(variance, 1e-300))
     return Innovations(np.ones(1), np.ones(1), variance, deviance, count)
 
@@ -212,7 +213,7 @@ def _filters(phi: Floats, theta: Floats) -> tuple[Floats, Floats, Floats]:
     start = [
         stationary_covariance(_companion(a), np.outer(k, k)) for a, k in zip(phi, gain, strict=True)
     ]
-    return phi[:, 1:].copy(), gain, np.stack(start)
+    return phi[:, 1:].copy(), gain, np.pad(np.stack(start), ((0, 0), (0, 1), (0, 1)))
 
 
 @dataclass(frozen=True)
@@ -248,7 +249,7 @@ def _climb(values: Floats, observed: Mask, free: Floats) -> _Point:
 def _moments(values, observed, phi, gain, start):  # type: ignore[no-untyped-def]
     """Products of u of the first filter and of the others' differences from it; sum of ln F."""
     filters, order = phi.shape
-    x, P = np.zeros((filters, order)), start.copy()
+    x, P = np.zeros((filters, order + 1)), start.copy()
     u = np.zeros((filters, BLOCK))
     moments, logarithm = np.zeros((filters, filters)), np.zeros(filters)
     count = 0
@@ -269,61 +270,76 @@ def _moments(values, observed, phi, gain, start):  # type: ignore[no-untyped-def
 @njit(cache=True, nogil=True)
 def _whiten(values, observed, phi, gain, start):  # type: ignore[no-untyped-def]
     """Standardised innovations of the first filter."""
-    x, P, u = np.zeros(phi.shape[1]), start[0].copy(), np.zeros(values.size)
+    x, P, u = np.zeros(phi.shape[1] + 1), start[0].copy(), np.zeros(values.size)
     _run(values, observed, phi[0], gain[0], x, P, u)
     return u
 
 
 @njit(cache=True, nogil=True)
 def _run(y, seen, phi, gain, x, P, u):  # type: ignore[no-untyped-def]
-    """Kalman filter over a block, updating x and P; standardised innovations in u."""
+    """Kalman filter over a block, updating x and P; standardised innovations in u, sum of ln F.
+
+    x and P end in a row of zeros, the state behind the last one.
+    """
+    theta = phi + gain
+    logarithm, k = 0.0, 0
+    while k < y.size:
+        if _largest(P) < SETTLED:
+            k = _steady(y, seen, theta, gain, x, u, k)
+        if k < y.size:
+            k, more = _settling(y, seen, phi, gain, x, P, u, k)
+            logarithm += more
+    return logarithm
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def _steady(y, seen, theta, gain, x, u, k):  # type: ignore[no-untyped-def]
+    """Settled filter from sample k to the next one missing: x' = (A - K C) x + K y."""
+    first = x[0]
+    while k < y.size and seen[k]:
+        u[k] = y[k] - first
+        ahead = x[1] + gain[0] * y[k] - theta[0] * first
+        for i in range(1, theta.size):
+            x[i] = x[i + 1] + gain[i] * y[k] - theta[i] * first
+        first = ahead
+        k += 1
+    x[0] = first
+    return k
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def _settling(y, seen, phi, gain, x, P, u, k):  # type: ignore[no-untyped-def]
+    """Filter from sample k until its covariance has settled: the next sample, and sum of ln F.
+
+    P = A P A' + gain gain' - b b'/F, b = A P C' + gain and A the companion of phi; b = 0 if not
+    seen.  Of P the lower half is kept.
+    """
     order = phi.size
-    K, new = np.empty(order), np.empty((order, order))
+    column, a, b = np.empty(order), np.empty(order), np.empty(order)
     logarithm, product = 0.0, 1.0
-    steady = _largest(P) < SETTLED
-    for k in range(y.size):
-        first = x[0]
+    unsettled = True
+    while unsettled and k < y.size:
+        first, F = x[0], P[0, 0] + 1.0
+        inverse = 1.0 / F if seen[k] else 0.0
         v = y[k] - first if seen[k] else 0.0
-        if steady and seen[k]:
-            for i in range(order - 1):
-                x[i] = x[i + 1] - phi[i] * first + gain[i] * v
-            x[order - 1] = gain[order - 1] * v - phi[order - 1] * first
-            u[k] = v
-            continue
-        F = P[0, 0] + 1.0
-        _advance_covariance(phi, gain, seen[k], P, K, new)
         for i in range(order):
-            ahead = x[i + 1] if i + 1 < order else 0.0
-            x[i] = ahead - phi[i] * first + K[i] * v
-        steady = _largest(P) < SETTLED
+            column[i] = P[i + 1, 0]
+            a[i] = column[i] - phi[i] * P[0, 0]
+            b[i] = a[i] + gain[i]
+            x[i] = x[i + 1] - phi[i] * first + b[i] * (v * inverse)
+        for i in range(order):
+            for j in range(i + 1):
+                moved = P[i + 1, j + 1] - phi[j] * column[i] - phi[i] * a[j]
+                P[i, j] = moved + gain[i] * gain[j] - b[i] * b[j] * inverse
         u[k] = v / np.sqrt(F)
         if seen[k]:
             product *= F
             if product > LARGE:  # a logarithm costs as much as all the rest
                 logarithm += np.log(product)
                 product = 1.0
-    return logarithm + np.log(product)
-
-
-@njit(cache=True, nogil=True)
-def _advance_covariance(phi, gain, seen, P, K, new):  # type: ignore[no-untyped-def]
-    """Gain K and P = A P A' + gain gain' - K F K', A the companion of phi; no gain if not seen."""
-    order = phi.size
-    F = P[0, 0] + 1.0
-    inverse = 1.0 / F if seen else 0.0
-    for i in range(order):
-        ahead = P[i + 1, 0] if i + 1 < order else 0.0
-        K[i] = (ahead - phi[i] * P[0, 0] + gain[i]) * inverse
-    for i in range(order):
-        left = P[i + 1, 0] if i + 1 < order else 0.0
-        for j in range(i + 1):
-            both = P[i + 1, j + 1] if i + 1 < order else 0.0
-            right = P[j + 1, 0] if j + 1 < order else 0.0
-            new[i, j] = both - phi[j] * left - phi[i] * right + phi[i] * phi[j] * P[0, 0]
-            new[i, j] += gain[i] * gain[j] - K[i] * F * K[j]
-    for i in range(order):
-        for j in range(i + 1):
-            P[i, j] = P[j, i] = new[i, j]
+        unsettled = _largest(P) >= SETTLED
+        k += 1
+    return k, logarithm + np.log(product)
 
 
 @njit(cache=True, nogil=True)
