@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from imu_noise_id import spectrum
 from imu_noise_id.chance import FALSE_ALARM, correlation_by_chance
 from imu_noise_id.compiled import njit
 from imu_noise_id.recording import Floats, Mask
@@ -42,7 +43,8 @@ class Correlations:
     """Canonical correlations of past and future, and the factor of the lagged data behind them.
 
     ``factor`` is R of the lag matrix [past | future] (columns: lag 1 ... p, then lead 0 ... f-1, d
-    channels each), ``variates`` the canonical vectors of the past.
+    channels each), ``variates`` the canonical vectors of the past; ``means`` (m, d) and
+    ``observed`` (m,) are the block means that were correlated.
     """
 
     values: Floats
@@ -52,6 +54,8 @@ class Correlations:
     lags: int
     block: int
     chance_level: float
+    means: Floats
+    observed: Mask
 
     @property
     def excess(self) -> float:
@@ -94,7 +98,7 @@ def scan(values: Floats, observed: Mask, most_rows: int | None = None) -> list[C
             rows = int(whole_rows(whole, 2 * lags).size)
             if rows >= max(SHORTEST // 2, 20 * lags * channels):
                 factor = _factor(leading, whole, lags)[0]
-                found.append(_correlate(factor, rows, lags, channels, block, len(blocks)))
+                found.append(_correlate(means, seen, factor, (rows, lags, block), len(blocks)))
                 break
     if not found:
         raise ValueError("no stretch is whole enough to set a past against a future")
@@ -125,7 +129,8 @@ def centred(values: Floats, observed: Mask) -> Floats:
         return np.zeros(values.size)
     reference = values[np.argmax(observed)]
     centred = np.where(observed, values - reference, 0.0)
-    return np.where(observed, centred - centred.sum() / observed.sum(), 0.0)
+    centred -= centred.sum() / observed.sum()
+    return centred if observed.all() else np.where(observed, centred, 0.0)
 
 
 def blocks_of(values: Floats, observed: Mask, block: int) -> tuple[Floats, Mask]:
@@ -152,15 +157,16 @@ def triangle(table: Callable[[NDArray[np.int64]], Floats], rows: NDArray[np.int6
 
 
 def _correlate(
-    factor: Floats, rows: int, lags: int, channels: int, block: int, scales: int
+    means: Floats, observed: Mask, factor: Floats, size: tuple[int, int, int], scales: int
 ) -> Correlations:
-    """Canonical correlations from R of [past | future]."""
+    """Canonical correlations from R of [past | future], with its rows, lags and block."""
+    (rows, lags, _), channels = size, means.shape[1]
     past = lags * channels
     Q, _ = np.linalg.qr(factor[:, past:])
     U, S, _ = np.linalg.svd(Q[:past], full_matrices=False)
     variates = np.sqrt(rows) * linalg.solve_triangular(factor[:past, :past], U)
     chance = correlation_by_chance(lags, channels, rows, FALSE_ALARM / scales)
-    return Correlations(np.minimum(S, 1.0), variates, factor, rows, lags, block, chance)
+    return Correlations(np.minimum(S, 1.0), variates, factor, *size, chance, means, observed)
 
 
 def _factor(values: Floats, observed: Mask, lags: int) -> tuple[Floats, int]:
@@ -229,4 +235,5 @@ def _lagged_products(late, early, lags):  # type: ignore[no-untyped-def]
 
 def warm_up() -> None:
     """Compile what the correlations need into numba's cache, for a build to call."""
+    spectrum.warm_up()
     _lagged_products(np.ones(3), np.ones(3), 2)

@@ -212,10 +212,10 @@ def past_future(series: Series, order: int | None = None) -> Cca:
     if not np.any(values[observed]):
         raise ValueError("all samples are equal")
     first = search(values, observed)
-    model, found, rest = innovations.white(values, observed), first, values
+    model, found = innovations.white(values, observed), first
     most = MOST_STATES if order is None else order
     while model.order < most:
-        grown = grow(values, observed, model, rest, found, most - model.order, order is not None)
+        grown = grow(values, observed, model, found, most - model.order, order is not None)
         if grown is None or (order is None and not likelier(grown, model)):
             break
         model = grown

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
+from imu_noise_id.compiled import njit
 from imu_noise_id.recording import Floats, Mask
 from imu_noise_id.series import Series
 
@@ -105,16 +106,32 @@ def block_means(series: Series, block: int) -> Series:
     """Means of blocks of ``block`` samples, of which three quarters must have been observed."""
     if block == 1:
         return series
-    size = series.values.size // block
-    shape = (size, block)
-    observed = series.observed[: size * block].reshape(shape)
-    count = observed.sum(axis=1)
-    centre = series.mean if series.observed.any() else 0.0
-    values = series.values[: size * block].reshape(shape) - centre
-    total = np.einsum("ij,ij->i", values, observed)
+    means, count = _means(series.values, series.observed, block)
     enough = count >= 0.75 * block
-    means = np.where(enough, centre + total / np.maximum(count, 1), 0.0)
+    means = np.where(enough, means, 0.0)
     return Series(means, enough, series.sample_time_s * block, series.start_s)
+
+
+@njit(cache=True, nogil=True)
+def _means(values, observed, block):  # type: ignore[no-untyped-def]
+    """Mean of the observed samples of each block, summed about the first, and their number."""
+    size = values.size // block
+    means, count = np.zeros(size), np.zeros(size, dtype=np.int64)
+    for i in range(size):
+        total, reference, seen = 0.0, 0.0, 0
+        for k in range(i * block, (i + 1) * block):
+            if observed[k]:
+                reference = values[k] if seen == 0 else reference
+                total += values[k] - reference
+                seen += 1
+        means[i], count[i] = reference + total / max(seen, 1), seen
+    return means, count
+
+
+def warm_up() -> None:
+    """Compile the means into numba's cache, for a build to call."""
+    for values in (np.zeros(4), np.zeros((4, 2))[:, 0]):
+        block_means(Series(values, np.ones(4, dtype=bool), 1.0), 2)
 
 
 def bridged(values: Floats, observed: Mask) -> Floats:

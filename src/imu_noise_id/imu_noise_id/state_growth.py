@@ -16,8 +16,6 @@ from imu_noise_id.canonical_variates import Correlations, StateSpace, regressed
 from imu_noise_id.chance import gain_by_chance
 from imu_noise_id.innovations import Innovations
 from imu_noise_id.recording import Floats, Mask
-from imu_noise_id.series import Series
-from imu_noise_id.spectrum import block_means
 
 CLIMB_ROWS = 1 << 18
 """Samples from which a new state is refined: the leading ones, or its block means if it is slow."""
@@ -29,19 +27,19 @@ def grow(
     values: Floats,
     observed: Mask,
     model: Innovations,
-    rest: Floats,
     found: list[Correlations],
     room: int,
     forced: bool = False,
 ) -> Innovations | None:
     """Put the new state in cascade with the model, refine, return the best for its states.
 
+    ``found`` are the correlations of the model's innovations at every scale.
     A state that is ``forced`` is refined to the end; another one only while it may yet stay.
     """
     by_order: dict[int, list[tuple[Floats, Floats]]] = {}
     blocks: dict[int, list[int]] = {}
     for scale in found:
-        for phi, theta in _starts(scale, room, rest, observed):
+        for phi, theta in _starts(scale, room, observed):
             poles = innovations.admissible(np.asarray(np.polymul(model.phi, phi), float))
             zeros = innovations.admissible(np.asarray(np.polymul(model.theta, theta), float))
             by_order.setdefault(poles.size, []).append((poles, zeros))
@@ -69,9 +67,7 @@ def _charged(grown: Innovations, order: int) -> float:
     return grown.deviance + gain_by_chance(grown.observed, grown.order - order)
 
 
-def _starts(
-    found: Correlations, room: int, rest: Floats, observed: Mask
-) -> list[tuple[Floats, Floats]]:
+def _starts(found: Correlations, room: int, observed: Mask) -> list[tuple[Floats, Floats]]:
     """Polynomials at the full rate of one more state, and of a pair where lags are samples."""
     pair = found.block == 1 and found.values[1:2] > found.chance_level
     orders = range(1, min(2 if pair else 1, room) + 1)
@@ -79,9 +75,9 @@ def _starts(
     if found.block == 1:
         return starts
     if _too_slow(found.block, observed):
-        means = block_means(Series(rest, observed, 1.0), found.block)
-        coarse = innovations.evaluate(means.values, means.observed, *starts[0])
-        climbed = innovations.maximise(means.values, means.observed, coarse)
+        means = found.means[:, 0]
+        coarse = innovations.evaluate(means, found.observed, *starts[0])
+        climbed = innovations.maximise(means, found.observed, coarse)
         starts = [(climbed.phi, climbed.theta)]
     return [_finer(phi, theta, found.block) for phi, theta in starts if 0.0 < -phi[1] < 1.0]
 
@@ -120,7 +116,9 @@ def _refined(
         return innovations.maximise(values, observed, start, reach=model.deviance - asked)
     if _too_slow(block, observed):
         return start
-    end = int(np.searchsorted(np.cumsum(observed), CLIMB_ROWS)) + 1
+    end = CLIMB_ROWS
+    while short := CLIMB_ROWS - int(observed[:end].sum()):
+        end += short
     part, seen = values[:end], observed[:end]
     before = innovations.evaluate(part, seen, model.phi, model.theta)
     share = before.observed / start.observed
