@@ -184,7 +184,9 @@ def _identify_channel(
 ) -> tuple[ChannelResult, NDArray[np.float32]]:
     """Curves and model of one channel that has a still sample, and its white residual."""
     series = to_series(channel, recording.start_ns)
-    fresh = to_series(without_repeats(channel, group, transport.factor), recording.start_ns)
+    fresh = series
+    if transport.factor != 1.0:
+        fresh = to_series(without_repeats(channel, group, transport.factor), recording.start_ns)
     model = ChannelModel(
         channel.name,
         channel.topic,
@@ -218,7 +220,7 @@ def _identify_channel(
 
 def _nothing_to_see(series: Series) -> str:
     """Why a series has no noise model, or an empty string."""
-    seen = series.values[series.observed]
+    seen = series.seen
     if seen.size < SHORTEST:
         return f"{seen.size} samples: too few for a noise model ({SHORTEST} are needed)"
     return "constant: no noise is seen" if np.all(seen == seen[0]) else ""

@@ -36,9 +36,14 @@ class Series:
         return bool(self.observed.all())
 
     @property
+    def seen(self) -> Floats:
+        """The observed samples, not copied where all were."""
+        return self.values if self.complete else self.values[self.observed]
+
+    @property
     def mean(self) -> float:
         """Mean of the observed samples, summed about the first of them to keep digits."""
-        seen = self.values if self.complete else self.values[self.observed]
+        seen = self.seen
         return float(seen[0] + np.mean(seen - seen[0]))
 
     @property
@@ -57,7 +62,7 @@ def to_series(channel: Channel, recording_start_ns: int) -> Series:
 
     The cells are those of `stamps.cells`: jitter and a slow drift of the clock do not open or close
     cells, and a gap keeps its length to within half a sample.  Moving samples become unobserved;
-    leading and trailing unobserved cells are cut.
+    leading and trailing unobserved cells are cut.  A channel without a gap shares its samples.
 
     Parameters
     ----------
@@ -77,14 +82,17 @@ def to_series(channel: Channel, recording_start_ns: int) -> Series:
     if not channel.still.any():
         raise ValueError(f"{channel.topic} {channel.name}: no still sample")
     sample_time_s = 1.0 / channel.rate_hz
-    cell = cells(channel.stamp_ns, 1e9 * sample_time_s)
-    used = np.flatnonzero(channel.still)
-    first = used[0]
-    cell = cell[used] - cell[first]
-    size = int(cell[-1]) + 1
+    first = int(np.argmax(channel.still))
+    last = channel.still.size - int(np.argmax(channel.still[::-1]))
+    start_s = float(channel.stamp_ns[first] - recording_start_ns) * 1e-9
+    still, samples = channel.still[first:last], channel.values[first:last]
+    cell = cells(channel.stamp_ns, 1e9 * sample_time_s)[first:last]
+    size = int(cell[-1] - cell[0]) + 1
+    if size == samples.size and still.all():  # on the grid as they are
+        return Series(samples, still, sample_time_s, start_s)
     values = np.zeros(size)
     observed = np.zeros(size, dtype=bool)
-    values[cell] = channel.values[used]
-    observed[cell] = True
-    start_s = float(channel.stamp_ns[first] - recording_start_ns) * 1e-9
+    used = cell[still] - cell[0]
+    values[used] = samples[still]
+    observed[used] = True
     return Series(values, observed, sample_time_s, start_s)
