@@ -124,11 +124,12 @@ def find_lines(
     n, sample_time_s = coefficients.size, ordinates.sample_time_s
     scale = np.sqrt(psd / sample_time_s)
     scale = np.concatenate((scale[:1], np.repeat(scale, ordinates.dof.astype(int))))
-    white = np.asarray(fft.idct(coefficients / scale, norm="ortho"))
+    np.divide(coefficients, scale, out=scale)
+    white = np.asarray(fft.idct(scale, norm="ortho", overwrite_x=True))
     lines: list[Line] = []
     wide: list[float] = []
     for _ in range(ROUNDS):
-        peaks = _largest(*_peaks(white, sample_time_s))
+        peaks = [0.5 * half / (n * sample_time_s) for half in _largest(*_peaks(white))]
         peaks = [f for f in peaks if not _near(f, wide, ordinates.duration_s)]
         if not peaks:
             break
@@ -156,30 +157,35 @@ def _near(frequency: float, others: list[float], duration_s: float) -> bool:
     return any(abs(frequency - other) < reach for other in others)
 
 
-def _peaks(white: Floats, sample_time_s: float) -> tuple[Floats, Floats]:
-    """Power less the threshold, at every frequency and half-way between two."""
+def _peaks(white: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """Frequencies over the threshold, in halves of 1/T, and by how much their power exceeds it.
+
+    Half-way between two ordinates the power is at most the sum of theirs.
+    """
     n = white.size
-    transform = fft.rfft(white)[LEAST_CYCLES : (n + 1) // 2]
-    between = (transform[1:] - transform[:-1]) / np.sqrt(2.0)
-    power = np.empty(2 * transform.size - 1)
-    power[0::2] = transform.real**2 + transform.imag**2
-    power[1::2] = between.real**2 + between.imag**2
-    frequency_hz = (LEAST_CYCLES + 0.5 * np.arange(power.size, dtype=np.float64)) / (
-        n * sample_time_s
-    )
-    return power / n - np.log(n / 2.0) - MARGIN, frequency_hz
+    threshold = np.log(n / 2.0) + MARGIN
+    transform = fft.rfft(white, norm="ortho")[LEAST_CYCLES : (n + 1) // 2]
+    power = transform.real**2
+    power += transform.imag**2
+    loud = np.flatnonzero(power > 0.5 * threshold)
+    before = np.unique(np.concatenate((loud - 1, loud)))
+    before = before[(before >= 0) & (before < power.size - 1)]
+    between = 0.5 * np.abs(transform[before + 1] - transform[before]) ** 2
+    excess = np.concatenate((power[loud], between)) - threshold
+    halves = 2 * LEAST_CYCLES + np.concatenate((2 * loud, 2 * before + 1))
+    over = excess > 0.0
+    return halves[over], excess[over]
 
 
-def _largest(excess: Floats, frequency_hz: Floats) -> list[float]:
-    """Frequencies over the threshold, largest first, no sidelobe of a larger one among them."""
-    over = np.flatnonzero(excess > 0.0)
+def _largest(halves: NDArray[np.int64], excess: Floats) -> list[int]:
+    """Frequencies, largest excess first, no sidelobe of a larger one among them."""
     chosen: list[int] = []
-    for i in over[np.argsort(-excess[over])][: 20 * MOST]:
-        distance = np.abs(i - np.array(chosen, dtype=int))
+    for i in np.argsort(-excess)[: 20 * MOST]:
+        distance = np.abs(halves[i] - halves[chosen])
         lobes = np.sum(excess[chosen] / np.maximum(0.5 * np.pi * distance, 1.0) ** 2)
         if np.all(distance > 2 * NEIGHBOURS) and excess[i] > 4.0 * lobes:
             chosen.append(int(i))
-    return [float(frequency_hz[i]) for i in chosen]
+    return [int(half) for half in halves[chosen]]
 
 
 def _fit_line(white: Floats, sample_time_s: float, frequency_hz: float) -> tuple[Line, bool]:
@@ -191,10 +197,12 @@ def _fit_line(white: Floats, sample_time_s: float, frequency_hz: float) -> tuple
     n = white.size
     size = max(n // BLOCKS, 1)
     count = n // size
+    blocks = white[: count * size].reshape(count, size)
     time_s = (np.arange(count, dtype=np.float64) + 0.5 * (1.0 - 1.0 / size)) * size * sample_time_s
     for last in (False, True):
-        turn = np.exp(-2j * np.pi * frequency_hz * sample_time_s * np.arange(count * size))
-        baseband = (white[: count * size] * turn).reshape(count, size).mean(axis=1)
+        angle = 2.0 * np.pi * frequency_hz * sample_time_s * np.arange(size)
+        baseband = (blocks @ np.cos(angle) - 1j * (blocks @ np.sin(angle))) / size
+        baseband *= np.exp(-2j * np.pi * frequency_hz * sample_time_s * size * np.arange(count))
         offset_hz = _phase_slope(baseband, time_s) if last else _offset(baseband, time_s)
         frequency_hz += offset_hz
     baseband = baseband * np.exp(-2j * np.pi * offset_hz * time_s)
