@@ -62,7 +62,7 @@ def find_contamination(series: Series, unit: str) -> Contamination:
     unit : str
         Unit of the channel.
     """
-    seen = series.values[series.observed]
+    seen = series.seen
     deviation = deviation_from_medians(seen, series.sample_time_s)
     sigma = robust_sigma(deviation)
     rounded = _rounding(seen, deviation, series.sample_time_s, unit)
@@ -90,8 +90,14 @@ def deviation_from_medians(seen: Floats, sample_time_s: float) -> Floats:
     if count < 2:
         return seen - np.median(seen)
     medians = np.median(seen[: count * size].reshape(count, size), axis=1)
-    centres = (np.arange(count) + 0.5) * size - 0.5
-    return np.asarray(seen - np.interp(np.arange(seen.size), centres, medians))
+    first, last = size // 2, size // 2 + (count - 1) * size
+    share = (np.arange(size) + 0.5 * (1 - size % 2)) / size  # of the way between two middles
+    between = medians[:-1, np.newaxis] + np.outer(np.diff(medians), share)
+    deviation = seen.copy()
+    deviation[:first] -= medians[0]
+    deviation[first:last] -= between.ravel()
+    deviation[last:] -= medians[-1]
+    return deviation
 
 
 def robust_sigma(deviation: Floats) -> float:
@@ -152,7 +158,8 @@ def _rounding(seen: Floats, deviation: Floats, sample_time_s: float, unit: str) 
     effect = OutputRounding(step)
     fitted = FittedEffect(effect, (Estimate(step, None, None, None, unit),))
     reach = THRESHOLD * max(robust_sigma(deviation), step)
-    if step > COARSEST * float(np.std(np.clip(deviation, -reach, reach))):
+    some = deviation[:: 1 + deviation.size // ENOUGH]
+    if step > COARSEST * float(np.std(np.clip(some, -reach, reach))):
         note = f"rounding to {step:.3g} {unit} hides the fast noise; white noise includes its error"
         return _Rounding(step, 0.0, (fitted,), (note,))
     return _Rounding(step, effect.added_psd(sample_time_s), (fitted,), ())

@@ -206,7 +206,11 @@ def _dct(course: Floats) -> Floats:
 
 
 def _ramp(n: int, sample_time_s: float) -> Floats:
-    return _dct(sample_time_s * np.arange(n, dtype=np.float64))
+    """DCT-II of the times of n samples: -sqrt(2/n) dt cos(x)/(2 sin^2 x) at odd k, x = pi k/2n."""
+    coefficients = np.zeros(n)
+    x = (0.5 * np.pi / n) * np.arange(1, n, 2)
+    coefficients[1::2] = -np.sqrt(0.5 / n) * sample_time_s * np.cos(x) / np.sin(x) ** 2
+    return coefficients
 
 
 def _low_psd(current: Fit, n: int) -> Floats:
@@ -233,17 +237,20 @@ def _with_course(
 ) -> Explained:
     """Split off one course more: amount and spectrum in turn, all courses together."""
     dt = current.fit.ordinates.sample_time_s
-    design = np.stack([c.unit_coefficients for c in current.courses] + [unit_course])
+    design = [*(c.unit_coefficients for c in current.courses), unit_course]
     effects = [c.effect for c in current.courses] + [effect]
     noise = current.fit
     for turn in range(ROUNDS):
         psd = _low_psd(noise, coefficients.size)
         if turn == 0:
             psd[1:] = np.median(psd[1:])
-        weighted = design[:, : psd.size] * (dt / psd)
-        covariance = np.linalg.pinv(weighted @ design[:, : psd.size].T, hermitian=True)
+        slow = np.stack([x[: psd.size] for x in design])
+        weighted = slow * (dt / psd)
+        covariance = np.linalg.pinv(weighted @ slow.T, hermitian=True)
         amounts = covariance @ (weighted @ coefficients[: psd.size])
-        rest = coefficients - amounts @ design
+        rest = coefficients.copy()
+        for amount, x in zip(amounts, design, strict=True):
+            rest -= amount * x
         spectrum = _like(ordinates(rest, dt, current.peaks_hz), current.fit.ordinates)
         noise = fit(_with_white(noise.effects, spectrum), spectrum, noise.floor, rough=True)
         if turn == 0:

@@ -16,11 +16,13 @@ from imu_noise_id.recording import Floats
 DEPTH = 1e-4
 """Power of the dither over that of the median ordinate: 40 dB beneath it."""
 LEAST_ORDINATES = 4
+ENOUGH = 2**18
+"""Ordinates that tell their median well enough."""
 
 
 def dithered(
     values: Floats, sample_time_s: float, rng: np.random.Generator
-) -> tuple[Floats, float]:
+) -> tuple[Floats, Floats, float]:
     """Record with white noise added where its last ordinates are as good as empty.
 
     Parameters
@@ -35,12 +37,16 @@ def dithered(
     -------
     values : (n,) float64
         The same array where nothing is added.
+    coefficients : (n,) float64
+        Their DCT-II.
     psd : float
         Two-sided density of what was added, unit^2/Hz.
     """
-    power = cosine_coefficients(values)[1:] ** 2 * sample_time_s
+    coefficients = cosine_coefficients(values)
     last = max(int(LINEAR_WIDTH_HZ * 2.0 * values.size * sample_time_s), LEAST_ORDINATES)
-    psd = DEPTH * float(np.median(power))
-    if float(np.mean(power[-last:])) >= psd:
-        return values, 0.0
-    return values + rng.standard_normal(values.size) * np.sqrt(psd / sample_time_s), psd
+    some = coefficients[1 :: 1 + values.size // ENOUGH]
+    variance = DEPTH * float(np.median(some**2))
+    if float(np.mean(coefficients[-last:] ** 2)) >= variance:
+        return values, coefficients, 0.0
+    values = values + rng.standard_normal(values.size) * np.sqrt(variance)
+    return values, cosine_coefficients(values), variance * sample_time_s

@@ -98,7 +98,7 @@ def estimate_series(
         At the samples of the series.
     """
     contamination = find_contamination(series, unit)
-    analysis = _analyse_mended(series, contamination, temperature, rng)
+    analysis, whole = _analyse_mended(series, contamination, temperature, rng)
     fitted = analysis.explained.fit
     spectral, covariance = estimates(fitted, unit)
     named = tuple(
@@ -110,20 +110,21 @@ def estimate_series(
     effects, log_covariance = _in_order(
         named, covariance, (*courses, *lines, *contamination.effects)
     )
-    clean = series.values[contamination.observed]
-    mean = float(clean[0] + np.mean(clean - clean[0]))
+    mean = dataclasses.replace(series, observed=contamination.observed).mean
     bounds = upper_bounds(fitted, unit)
-    white = _whitened(analysis.explained, contamination.observed)
+    white = _whitened(analysis, whole, contamination.observed)
     return SeriesModel(mean, effects, log_covariance, bounds, contamination.notes, fitted, white)
 
 
-def _whitened(explained: Explained, observed: Mask) -> NDArray[np.float32]:
+def _whitened(analysis: Analysis, whole: Floats, observed: Mask) -> NDArray[np.float32]:
     """Leading samples of the noise divided by the root of its spectrum, 0 where none was seen."""
-    grid = explained.fit.ordinates
-    rest = fft.idct(explained.coefficients, norm="ortho")[:LONGEST_WHITE]
+    fitted = analysis.explained.fit
+    grid = fitted.ordinates
+    course = analysis.deterministic(whole.size, grid.sample_time_s)
+    rest = whole[:LONGEST_WHITE] - course[:LONGEST_WHITE]
     coefficients = cosine_coefficients(rest)
     frequency_hz = np.arange(rest.size) / (2.0 * rest.size * grid.sample_time_s)
-    psd = np.exp(np.interp(frequency_hz, grid.frequency_hz, np.log(explained.fit.spectrum.psd)))
+    psd = np.exp(np.interp(frequency_hz, grid.frequency_hz, np.log(fitted.spectrum.psd)))
     coefficients[0] = 0.0
     coefficients /= np.sqrt(psd / grid.sample_time_s)
     white = np.where(observed[: rest.size], fft.idct(coefficients, norm="ortho"), 0.0)
@@ -135,8 +136,8 @@ def _analyse_mended(
     contamination: Contamination,
     temperature: Floats | None,
     rng: np.random.Generator,
-) -> Analysis:
-    """Analysis of the record, its missing samples drawn given the others where there are any."""
+) -> tuple[Analysis, Floats]:
+    """Analysis of the record, its missing samples drawn given the others, and that record."""
     size = fast_length(series.values.size)
     dt = series.sample_time_s
     observed = contamination.observed[:size]
@@ -144,18 +145,19 @@ def _analyse_mended(
     heat = None if temperature is None else temperature[:size]
     known = (series.start_s, heat, _unseen(observed))
     if observed.all():
-        whole, added = dithered(values, dt, rng)
-        return _analyse(whole, dt, contamination.floor + added, *known)
+        whole, coefficients, added = dithered(values, dt, rng)
+        return _analyse(coefficients, dt, contamination.floor + added, *known), whole
     filled = roughly_filled(values, observed, rng)
     for _ in range(_draws(observed)):
         grid = ordinates(cosine_coefficients(filled), dt)
         smooth = select(without_peaks(grid), contamination.floor, (), SMOOTH)
         filled = _redrawn(values, observed, filled, smooth, 0.0, rng)
-    filled, added = dithered(filled, dt, rng)
-    analysis = _analyse(filled, dt, contamination.floor + added, *known)
+    filled, coefficients, added = dithered(filled, dt, rng)
+    floor = contamination.floor + added
+    analysis = _analyse(coefficients, dt, floor, *known)
     course = analysis.deterministic(size, dt)
     filled = _redrawn(filled, observed, filled, analysis.explained.fit, course, rng)
-    return _analyse(filled, dt, contamination.floor + added, *known)
+    return _analyse(cosine_coefficients(filled), dt, floor, *known), filled
 
 
 def _unseen(observed: Mask) -> float:
@@ -193,27 +195,26 @@ def _redrawn(
 
 
 def _analyse(
-    values: Floats,
+    coefficients: Floats,
     sample_time_s: float,
     floor: float,
     start_s: float,
     temperature: Floats | None,
     unseen: float,
 ) -> Analysis:
-    """Take a complete record apart; a share of its samples ``unseen`` was drawn."""
-    coefficients = cosine_coefficients(values)
+    """Take the DCT-II of a complete record apart; a share of its samples ``unseen`` was drawn."""
     grid = ordinates(coefficients, sample_time_s)
     base = select(without_peaks(grid), floor, (), SMOOTH)
     lines, wide = find_lines(coefficients, grid, level_without_lines(grid, base.spectrum.psd))
     clear = tuple(line for line in lines if _apart(line, wide))
-    grid, rest = _without_lines(values, sample_time_s, clear, wide)
+    grid, rest = _without_lines(coefficients, sample_time_s, clear, wide)
     fitted = select(_spent(grid, clear, unseen), floor, base.effects)
     if wide:
         level = level_without_lines(grid, fitted.spectrum.psd)
         more, _ = find_lines(rest, grid, level)
         if more:
             clear = (*clear, *more)
-            grid, rest = _without_lines(values, sample_time_s, clear, wide)
+            grid, rest = _without_lines(coefficients, sample_time_s, clear, wide)
             fitted = select(_spent(grid, clear, unseen), floor, fitted.effects)
     peaks = _narrow_peaks(fitted)
     if peaks:
@@ -238,14 +239,14 @@ def _apart(line: Line, wide: tuple[float, ...]) -> bool:
 
 
 def _without_lines(
-    values: Floats, sample_time_s: float, lines: tuple[Line, ...], wide: tuple[float, ...]
+    coefficients: Floats, sample_time_s: float, lines: tuple[Line, ...], wide: tuple[float, ...]
 ) -> tuple[Ordinates, Floats]:
     """Ordinates and DCT-II of a record less its lines."""
-    rest = values
-    for line in lines:
-        rest = rest - line.course(values.size, sample_time_s)
-    coefficients = cosine_coefficients(rest)
-    return ordinates(coefficients, sample_time_s, wide), coefficients
+    rest = coefficients
+    if lines:
+        courses = sum(line.course(coefficients.size, sample_time_s) for line in lines)
+        rest = coefficients - cosine_coefficients(np.asarray(courses))
+    return ordinates(rest, sample_time_s, wide), rest
 
 
 def _spent(grid: Ordinates, lines: tuple[Line, ...], unseen: float) -> Ordinates:

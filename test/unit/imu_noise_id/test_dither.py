@@ -16,8 +16,9 @@ def test_records_that_reach_half_the_rate_stay_as_they_are() -> None:
     rng = np.random.default_rng(1)
     slow = signal.lfilter(*signal.butter(2, 1.0, fs=2000.0), rng.standard_normal(20 * N))[::20]
     for values in (white(N, rng), white(32, rng), walk(N, rng, 1.0), slow):
-        same, psd = dithered(values, DT, rng)
+        same, coefficients, psd = dithered(values, DT, rng)
         assert same is values
+        np.testing.assert_array_equal(coefficients, cosine_coefficients(values))
         assert psd == 0.0
 
 
@@ -30,8 +31,8 @@ def test_every_ordinate_of_a_digital_filter_is_what_its_law_says(n: int, corner_
     for _ in range(20):
         drive = white(n + 500, rng)
         x = signal.lfilter(*signal.butter(2, corner_hz, fs=1 / DT), drive)[500:]
-        values, floor = dithered(x, DT, rng)
-        bins = ordinates(cosine_coefficients(values), DT)
+        _, coefficients, floor = dithered(x, DT, rng)
+        bins = ordinates(coefficients, DT)
         law = DigitalBandwidthLimit(corner_hz, 2).power_response(bins.frequency_hz, DT)
         ratio.append(bins.power / (law + floor))
         bare.append(ordinates(cosine_coefficients(x), DT).power / law)

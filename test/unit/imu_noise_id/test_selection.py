@@ -72,8 +72,8 @@ def test_a_boxcar_over_1_2_samples_is_found():
 def test_a_digital_low_pass_is_found_with_its_corner_and_damping(filtered, cutoff_hz, damping):
     rng = np.random.default_rng(14)
     record = signal.lfilter(*filtered, white(N, rng) + markov(N, rng, 3.0, 2.0))
-    record, floor = dithered(record, DT, rng)
-    fitted = select(ordinates(cosine_coefficients(record), DT), floor)
+    _, coefficients, floor = dithered(record, DT, rng)
+    fitted = select(ordinates(coefficients, DT), floor)
     assert sorted(e.name for e in fitted.effects) == BEHIND_A_LOW_PASS
     found = next(e for e in fitted.effects if isinstance(e, DigitalBandwidthLimit))
     assert found.order == (1 if damping is None else 2)

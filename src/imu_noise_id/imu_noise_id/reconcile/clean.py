@@ -136,7 +136,7 @@ def _state(
         regressor_s = (regressor.stamp_ns - recording.start_ns) * 1e-9
         time_s = start_s + dt * np.arange(values.size)
         temperature = np.interp(time_s, regressor_s, regressor.values)
-    values, dither = dithered(values, dt, rng)
+    values, _, dither = dithered(values, dt, rng)
     state = initial_state(model, values, dt, start_s, temperature, hold)
     return replace(state, floor=state.floor + dither, dither=dither)
 
