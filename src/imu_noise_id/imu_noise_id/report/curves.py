@@ -39,15 +39,17 @@ def envelope(series: Series, most: int = 500) -> Envelope:
     width = max(1, -(-n // most))
     count = -(-n // width)
     starts = np.arange(count, dtype=np.int64) * width
-    seen = series.observed
-    low = np.minimum.reduceat(np.where(seen, series.values, np.inf), starts)
-    high = np.maximum.reduceat(np.where(seen, series.values, -np.inf), starts)
-    samples = np.add.reduceat(seen.astype(float), starts)
-    total = np.add.reduceat(np.where(seen, series.values, 0.0), starts)
-    empty = samples == 0
-    mean = np.where(empty, np.nan, total / np.maximum(samples, 1.0))
+    samples = np.add.reduceat(series.observed, starts, dtype=float)
+
+    def reduced(by: np.ufunc, nothing: float) -> Floats:
+        seen = series.values
+        if not series.complete:
+            seen = np.where(series.observed, seen, nothing)
+        return np.where(samples == 0, np.nan, by.reduceat(seen, starts))
+
     middle = series.start_s + series.sample_time_s * (starts + 0.5 * (width - 1)).astype(float)
-    return Envelope(middle, np.where(empty, np.nan, low), np.where(empty, np.nan, high), mean)
+    low, high = reduced(np.minimum, np.inf), reduced(np.maximum, -np.inf)
+    return Envelope(middle, low, high, reduced(np.add, 0.0) / np.maximum(samples, 1.0))
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -38,6 +39,7 @@ SENSORS = {
     "position": "GNSS position",
     "velocity": "GNSS velocity",
 }
+WORKERS = 2
 TEMPERATURE_POINTS = 4096
 SPECTRUM_BINS = 100
 """Bins per decade: narrow enough for a line to stand out of the noise beside it."""
@@ -48,10 +50,13 @@ def identification_page(identification: Identification) -> str:
     recording = identification.recording
     sections = [_overview(identification)]
     joint = together_parts(identification.sensors)
-    sections += [
-        channel_section(result, recording, joint.get((result.channel.topic, result.channel.name)))
-        for result in identification.channels
-    ]
+
+    def section(result: ChannelResult) -> Section:
+        part = joint.get((result.channel.topic, result.channel.name))
+        return channel_section(result, recording, part)
+
+    with ThreadPoolExecutor(WORKERS) as pool:
+        sections += pool.map(section, identification.channels)
     sections += [together_section(s, identification.channels) for s in identification.sensors]
     receiver = receiver_section(recording)
     if receiver is not None:
