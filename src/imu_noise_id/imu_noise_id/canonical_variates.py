@@ -95,9 +95,9 @@ def scan(values: Floats, observed: Mask, most_rows: int | None = None) -> list[C
             means, seen = blocks_of(means, seen, SCALE)
         leading, whole = means[:most_rows], seen[:most_rows]
         for lags in LAGS[::-1]:  # the most that leave enough rows
-            rows = int(whole_rows(whole, 2 * lags).size)
+            rows = _count_rows(whole, 2 * lags)
             if rows >= max(SHORTEST // 2, 20 * lags * channels):
-                factor = _factor(leading, whole, lags)[0]
+                factor = _factor(leading, whole, lags, rows)
                 found.append(_correlate(means, seen, factor, (rows, lags, block), len(blocks)))
                 break
     if not found:
@@ -147,6 +147,11 @@ def whole_rows(observed: Mask, lags: int) -> NDArray[np.int64]:
     return np.flatnonzero(seen[lags:] - seen[:-lags] == lags)
 
 
+def _count_rows(observed: Mask, lags: int) -> int:
+    """How many such stretches there are."""
+    return observed.size - lags + 1 if observed.all() else int(whole_rows(observed, lags).size)
+
+
 def triangle(table: Callable[[NDArray[np.int64]], Floats], rows: NDArray[np.int64]) -> Floats:
     """R of the QR factorisation of a tall table, rows taken some thousands at a time."""
     R = np.asarray(np.linalg.qr(table(rows[:_EVERY]), mode="r"))
@@ -169,14 +174,14 @@ def _correlate(
     return Correlations(np.minimum(S, 1.0), variates, factor, *size, chance, means, observed)
 
 
-def _factor(values: Floats, observed: Mask, lags: int) -> tuple[Floats, int]:
-    """R of the table [past | future] of ``lags`` lags each, and its number of rows."""
-    whole = whole_rows(observed, 2 * lags)
+def _factor(values: Floats, observed: Mask, lags: int, rows: int) -> Floats:
+    """R of the table [past | future] of ``lags`` lags each, which has that many rows."""
     width = 2 * lags * values.shape[1]
-    if whole.size > DATA_ROWS:
-        return _covariance_factor(values, observed, 2 * lags, whole.size), whole.size
-    if whole.size < width:
-        return np.eye(width), whole.size
+    if rows > DATA_ROWS:
+        return _covariance_factor(values, observed, 2 * lags, rows)
+    if rows < width:
+        return np.eye(width)
+    whole = whole_rows(observed, 2 * lags)
     order = np.r_[np.arange(lags - 1, -1, -1), np.arange(lags, 2 * lags)]
 
     def lagged(chosen: NDArray[np.int64]) -> Floats:
@@ -187,7 +192,7 @@ def _factor(values: Floats, observed: Mask, lags: int) -> tuple[Floats, int]:
     floor = 1e-14 * max(float(np.abs(R).max()), 1e-300)
     diagonal = np.diag_indices(width)
     R[diagonal] = np.where(np.abs(R[diagonal]) < floor, floor, R[diagonal])
-    return R, whole.size
+    return R
 
 
 def _covariance_factor(values: Floats, observed: Mask, lags: int, rows: int) -> Floats:

@@ -122,8 +122,9 @@ def find_lines(
         Frequencies that stand out but are no lines.
     """
     n, sample_time_s = coefficients.size, ordinates.sample_time_s
-    scale = np.sqrt(psd / sample_time_s)
-    scale = np.concatenate((scale[:1], np.repeat(scale, ordinates.dof.astype(int))))
+    count = ordinates.dof.astype(int)
+    count[0] += 1  # the level itself
+    scale = np.repeat(np.sqrt(psd / sample_time_s), count)
     np.divide(coefficients, scale, out=scale)
     white = np.asarray(fft.idct(scale, norm="ortho", overwrite_x=True))
     lines: list[Line] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -40,7 +41,7 @@ class Series:
         """The observed samples, not copied where all were."""
         return self.values if self.complete else self.values[self.observed]
 
-    @property
+    @cached_property
     def mean(self) -> float:
         """Mean of the observed samples, summed about the first of them to keep digits."""
         seen = self.seen

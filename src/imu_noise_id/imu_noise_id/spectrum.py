@@ -155,11 +155,11 @@ def _welch(values: Floats, observed: Mask, sample_time_s: float) -> _Ordinates |
     if not observed.any():
         return None
     filled = bridged(values, observed)
-    seen = np.concatenate(([0], np.cumsum(observed)))
     length = min(SEGMENT, 1 << max(int(np.log2(max(values.size / 1.5, 1.0))), 0))
     while length >= SHORTEST:
-        starts = np.arange(0, values.size - length + 1, length // 2)
-        starts = starts[seen[starts + length] - seen[starts] >= OBSERVED * length]
+        halves = observed[: observed.size - observed.size % (length // 2)].reshape(-1, length // 2)
+        seen = np.count_nonzero(halves, axis=1)
+        starts = np.flatnonzero(seen[:-1] + seen[1:] >= OBSERVED * length) * (length // 2)
         if starts.size:
             break
         length //= 2
@@ -169,7 +169,8 @@ def _welch(values: Floats, observed: Mask, sample_time_s: float) -> _Ordinates |
     total = np.zeros(length // 2 + 1)
     for start in starts:
         part = filled[start : start + length]
-        total += np.abs(np.fft.rfft(window * (part - part.mean()))) ** 2
+        transform = np.fft.rfft(window * (part - part.mean()))
+        total += transform.real**2 + transform.imag**2
     psd = total * sample_time_s / (starts.size * np.sum(window**2))
     frequency_hz = np.fft.rfftfreq(length, sample_time_s).astype(np.float64)
     overlap = 1.0 + 2.0 * HANN_NEIGHBOURS[1] * (1.0 - 1.0 / starts.size)
