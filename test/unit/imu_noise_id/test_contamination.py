@@ -1,7 +1,8 @@
 """Outliers and rounding are seen in the samples; clean noise has neither."""
 
 import numpy as np
-from imu_noise_id.contamination import find_contamination
+import pytest
+from imu_noise_id.contamination import deviation_from_medians, find_contamination
 
 from helpers.noise_records import series, walk, white
 
@@ -69,3 +70,12 @@ def test_rounding_is_seen_and_its_error_subtracted():
     found = find_contamination(series(4.0 * np.rint(white(N, rng) / 4.0)), "u")
     assert found.effects[0].effect.values() == (4.0,)
     assert np.isclose(found.floor, 16.0 / 12.0 * 0.01)
+
+
+@pytest.mark.parametrize("size", [200, 201])
+def test_the_course_of_the_medians_is_straight_between_the_middles_of_the_blocks(size: int) -> None:
+    values = np.cumsum(np.random.default_rng(5).standard_normal(5 * size + 17))
+    medians = np.median(values[: 5 * size].reshape(5, size), axis=1)
+    middles = (np.arange(5) + 0.5) * size - 0.5
+    course = np.interp(np.arange(values.size), middles, medians)
+    np.testing.assert_allclose(deviation_from_medians(values, 2.0 / size), values - course)

@@ -1,9 +1,11 @@
 """Ramps, temperature and steps are told from the noise that they lie in."""
 
 import numpy as np
-from imu_noise_id.courses import explain
+import pytest
+from imu_noise_id.courses import _ramp, explain
 from imu_noise_id.ordinates import cosine_coefficients, ordinates
 from imu_noise_id.selection import select
+from numpy.testing import assert_allclose
 
 from helpers.noise_records import DT, markov, walk, white
 
@@ -69,3 +71,9 @@ def test_temperature_is_told_from_a_walk():
     found = explained(white(N, rng) + walk(N, rng, 0.05) + 0.8 * temperature, temperature)
     assert course_names(found) == ["temperature"]
     assert abs(found.courses[0].amount - 0.8) < 4.0 * found.courses[0].std_error
+
+
+@pytest.mark.parametrize("n", [2, 7, 1000])
+def test_the_transform_of_a_ramp_is_known(n: int) -> None:
+    ramp = cosine_coefficients(DT * np.arange(n))
+    assert_allclose(_ramp(n, DT)[1:], ramp[1:], atol=1e-12 * np.abs(ramp).max())

@@ -20,6 +20,7 @@ def test_a_whole_channel_is_its_values(channel):
     assert series.complete
     assert (series.start_s, series.sample_time_s) == (1.0, 0.005)
     np.testing.assert_array_equal(series.values, channel.values)
+    assert np.shares_memory(series.values, channel.values)  # six of ten million samples are enough
 
 
 def test_gaps_and_motion_are_not_observed_and_ends_are_cut(channel):
