@@ -863,8 +863,42 @@ def correct_by_rates(
     logarithm = innovation_covariance(s[SLOW + m :], n, 3, u)
     nis = whiten(3, u)
     s[LOG_WEIGHT] -= 0.5 * (min(nis, sensing.gate[3]) + logarithm)
-    if nis <= sensing.gate[3]:
-        apply_correction(s, m, 3, finds_north(slow), u)
+    if nis > sensing.gate[3]:
+        return
+    gain(n, 3, u)
+    if not finds_north(slow):
+        keep_heading(s, 3, u)
+        turn_back(s, u)
+    joseph(s[SLOW + m :], n, 3, u)
+    shift_state(s, m, 3, u)
+
+
+@njit(cache=True)
+def turn_back(s: Floats, u: Update) -> None:
+    """Add to a gain that leaves the heading alone what the rate about the vertical tells of it.
+
+    Until rest was known the vertical gyro's bias has turned the heading: once it is seen, that turn
+    is too.  The best gain of this one component, cov(psi, y_up)/var(y_up); by the others, which
+    have to do with tilt, the linearisation would make a wide heading known from nothing.
+    """
+    x, y, z = gravity_at(s[R], s[R + 1], s[R + 2])
+    strength = math.sqrt(x * x + y * y + z * z)
+    x, y, z = x / strength, y / strength, z / strength
+    vertical = np.empty(3)  # in body axes
+    for a in range(3):
+        vertical[a] = u.C[0, a] * x + u.C[1, a] * y + u.C[2, a] * z
+    common, variance = 0.0, 0.0
+    for b in range(3):
+        common += vertical[b] * (u.HP[b, 6] * x + u.HP[b, 7] * y + u.HP[b, 8] * z)
+        along = 0.0
+        for a in range(b, 3):
+            along += u.S[a, b] * vertical[a]
+        variance += along * along
+    k = common / variance
+    for a in range(3):
+        u.K[a, 6] += k * vertical[a] * x
+        u.K[a, 7] += k * vertical[a] * y
+        u.K[a, 8] += k * vertical[a] * z
 
 
 @njit(cache=True)
