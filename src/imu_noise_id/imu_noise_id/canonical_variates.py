@@ -33,7 +33,8 @@ DATA_ROWS = 1 << 15
 """Rows up to which the data themselves are factored; beyond, their lagged covariances."""
 SHORTEST = 60
 """Fewest rows of a scale that is searched."""
-_EVERY = 1 << 14
+_EVERY = 1 << 11
+"""Rows that are factored at a time: they stay in the cache."""
 STRETCH = 1 << 11
 """Samples over which all lags are summed before the next stretch: they stay in the cache."""
 
@@ -153,7 +154,7 @@ def _count_rows(observed: Mask, lags: int) -> int:
 
 
 def triangle(table: Callable[[NDArray[np.int64]], Floats], rows: NDArray[np.int64]) -> Floats:
-    """R of the QR factorisation of a tall table, rows taken some thousands at a time."""
+    """R of the QR factorisation of a tall table, rows taken ``_EVERY`` at a time."""
     R = np.asarray(np.linalg.qr(table(rows[:_EVERY]), mode="r"))
     for begin in range(_EVERY, rows.size, _EVERY):
         part = np.vstack((R, table(rows[begin : begin + _EVERY])))
