@@ -1,6 +1,8 @@
 """A recording becomes a model: accurate, with intervals that hold, whatever was lost on the way."""
 
 import dataclasses
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,10 @@ from helpers.noise_records import DT, markov, recording, walk, white
 
 N = 30000
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
+
+
+SLOW = ("scipy.stats", "scipy.signal", "scipy.ndimage", "scipy.optimize")
+"""Each takes a quarter of a second to a second to import."""
 
 
 def density(result):
@@ -30,6 +36,14 @@ def test_number_of_workers_does_not_matter():
     one, two = (identify_recording(recording(axes), workers) for workers in (1, 2))
     for a, b in zip(one.model.channels, two.model.channels, strict=True):
         assert (a.effects, a.bounds, a.mean) == (b.effects, b.bounds, b.mean)
+
+
+def test_it_starts_without_what_is_slow_to_import():
+    modules = "imu_noise_id.bags, imu_noise_id.identify, imu_noise_id.report.identification"
+    code = f"import sys, {modules}; print([name for name in {SLOW} if name in sys.modules])"
+    command = [sys.executable, "-c", code]
+    told = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    assert told.strip() == "[]"
 
 
 def test_it_tells_of_every_channel_that_is_through():
