@@ -246,7 +246,7 @@ def test_at_rest_neither_heading_nor_tilt_become_known_from_nothing() -> None:
     east, north, heading = np.sqrt(np.diag(solution.pose_covariance[-1]))[3:]
     assert engine.status().still_updates > 200
     assert min(east, north) > 0.98 * 0.05 / 9.81
-    # what the gyro's bias had turned it by until rest was known (0.12 rad were left) is taken back
+    # what the gyro's bias had turned it by until rest was known (0.110 rad were left) is taken back
     assert 0.0999 < heading < 0.105
 
 
