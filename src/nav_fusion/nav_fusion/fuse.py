@@ -197,7 +197,7 @@ def choose_noise(
     """Choose a model: the one given, else of the leading still part, else stated defaults."""
     turn_on = TurnOn(parameters.gyro_turn_on_rad_s, parameters.accel_turn_on_m_s2)
     if model is not None:
-        return from_model(model, turn_on)
+        return from_model(model, turn_on, rate_of_fixes(columns))
     still_s, recording = leading_rest(columns, source)
     if still_s < SHORTEST_STILL_S:
         defaults = mems_defaults(turn_on)
@@ -214,6 +214,13 @@ def choose_noise(
     return replace(
         noise, source=f"identified from the first {still_s:.0f} s, in which the platform rests"
     )
+
+
+def rate_of_fixes(columns: Sequence[TopicColumns]) -> float:
+    """Hz, by the median step of the fixes' stamps; 10 where there are none to tell."""
+    stamps = next((c.stamp_ns for c in columns if c.type == cdr.NAV_SAT_FIX), np.empty(0, np.int64))
+    steps = np.diff(np.unique(stamps))
+    return 1e9 / float(np.median(steps)) if steps.size else 10.0
 
 
 def leading_rest(columns: Sequence[TopicColumns], source: str) -> tuple[float, Recording]:

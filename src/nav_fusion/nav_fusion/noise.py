@@ -136,7 +136,7 @@ def from_model(
     (:func:`flicker_terms`).  What is faster: of an inertial channel by its spectrum at 0 Hz (lines,
     rounding and what acts on single samples average out in navigation, or are in the budget; a note
     says so), of an aid as white noise and colour of few states (:mod:`nav_fusion.colour`).  Aids
-    that the model lacks get the defaults.
+    that the model lacks get the defaults; one whose rate it does not state has ``aid_rate_hz``.
 
     Raises
     ------
@@ -268,6 +268,10 @@ def _aid(model: NoiseModel, name: str, rate_hz: float, notes: list[str]) -> AidN
             notes.append(f"{name}: random walk taken as Gauss-Markov of 1000 s")
         else:
             terms.append(term)
+    if not channel.rate_hz:
+        notes.append(
+            f"{name}: the model does not say at what rate (rate_hz): {rate_hz:.3g} Hz used"
+        )
     fast = _fast_colour(channel, 1.0 / (channel.rate_hz or rate_hz))
     if fast.lost_nats > ROUGH_NATS:
         notes.append(

@@ -22,6 +22,10 @@ KEPT_S = 5.0
 GRAVITY_RANGE_M_S2 = (6.0, 14.0)
 REST_RATE_RAD_S = 0.25
 FIELD_SPREAD_RAD = 0.5
+TURNING_SIGMAS = 5.0
+"""Of the gyro's turn-on bias: a mean rate beyond turns the platform, however smoothly."""
+MOVING_M_S, MOVING_SIGMAS = 0.5, 5.0
+"""Speed of the first fixes, and that many of its standard errors, from which they move."""
 CERTAIN_FAULTS = 5
 """So many fixes in a row before which the samples were absurd: the unit is wrong, for good."""
 
@@ -154,8 +158,10 @@ class Waiting:
         period_s = float(np.median(np.diff(self._stamp_ns[window]))) * 1e-9
         force, rate = self._force[window], self._rate[window]
         quiet = quiet_limits(self._layout, p, 1.0 / period_s)
-        steady = bool(force.var(axis=0).sum() < quiet[0])
-        still = steady and bool(rate.var(axis=0).sum() < quiet[1])
+        moves = fixes_move([m for m in self._measurements if m.kind == arrays.FIX])
+        steady = not moves and bool(force.var(axis=0).sum() < quiet[0])
+        turning = np.linalg.norm(rate.mean(axis=0)) > TURNING_SIGMAS * p.gyro_turn_on_rad_s
+        still = steady and not turning and bool(rate.var(axis=0).sum() < quiet[1])
         fault = _implausible(force.mean(axis=0), rate.mean(axis=0), steady)
         if fault is not None:
             self._implausible += 1
@@ -222,6 +228,23 @@ def quiet_limits(layout: Layout, parameters: Parameters, rate_hz: float) -> Floa
     accel = 2.0 * white + 3.0 * p.still_accel_m_s2**2
     gyro = 2.0 * float(layout.gyro_psd.sum()) * rate_hz + 3.0 * p.still_gyro_rad_s**2
     return np.array([accel, gyro, 0.25, 4.0, 8.0, white, 0.1 * p.still_accel_m_s2**2])
+
+
+def fixes_move(fixes: list[Measurement]) -> bool:
+    """Whether a straight line through fixes moves: smooth motion looks like rest to an IMU.
+
+    Levelled on the force of a turn or of a run-up as if it were gravity alone, a filter that is
+    sure of it is lost for good.  Colour of the receiver, alike in fixes so near in time, is not
+    among the errors; ``MOVING_M_S`` is room for it.
+    """
+    t = np.array([m.time_ns - fixes[0].time_ns for m in fixes]) * 1e-9
+    if t.size < 2 or np.ptp(t) < 0.1:
+        return False
+    t -= t.mean()
+    places = np.array([m.z[0:3] for m in fixes])
+    speed = float(np.linalg.norm(t @ (places - places.mean(axis=0)) / (t @ t)))
+    variance = max(float(np.trace(m.z[6:15].reshape(3, 3))) for m in fixes)
+    return speed > MOVING_M_S + MOVING_SIGMAS * math.sqrt(variance / float(t @ t))
 
 
 def _implausible(force: Floats, rate: Floats, steady: bool) -> str | None:
