@@ -42,6 +42,7 @@ FALSE_ALARM_RATE = 0.01
 TOLD_APART = 5.0
 LEAST_GAIN = 6.0
 MOST_STEPS = 6
+OTHER_POSE_M_S2 = 1.0
 TIES_SHARE = 0.15
 TIMING_SHARE = 0.05
 GONE = 4.0
@@ -290,5 +291,27 @@ def _assemble(
         else:
             results.append(uncompared(channel, models.get(channel.name)))
     absent = models.keys() - {c.name for c in recording.channels}
-    notes = tuple(f"{name}: in the model, not in the recording" for name in sorted(absent))
-    return Reconciliation(tuple(results), mended_model(model, works, recording), levels.rate, notes)
+    notes = [f"{name}: in the model, not in the recording" for name in sorted(absent)]
+    notes += lying_otherwise(recording, models)
+    mended = mended_model(model, works, recording)
+    return Reconciliation(tuple(results), mended, levels.rate, tuple(notes))
+
+
+def lying_otherwise(recording: Recording, models: dict[str, ChannelModel]) -> list[str]:
+    """Say where gravity is not as in the model: a constant is no noise, but may be a sign error.
+
+    By more than ``OTHER_POSE_M_S2``, which no bias is; a typed model, mean 0, says nothing of it.
+    """
+    notes = []
+    for channel in recording.channels:
+        model = models.get(channel.name)
+        held = channel.name.startswith("linear_acceleration.") and channel.values.size
+        if model is None or not model.mean or not held:
+            continue
+        mean = float(channel.values.mean())
+        if abs(mean - model.mean) > OTHER_POSE_M_S2:
+            notes.append(
+                f"{channel.name}: a mean of {mean:+.2f} m/s^2 and {model.mean:+.2f} in the model: "
+                "the sensor lies otherwise, or an axis has the other sign"
+            )
+    return notes

@@ -22,3 +22,14 @@ def test_a_heading_is_not_held_against_the_field_that_it_is_computed_from() -> N
     (tie,) = ties({n: whitened(v) for n, v in records.items()}, models)
     assert (tie.first, tie.second) == ("magnetic_field.x", "magnetic_field.y")
     assert tie.log_p < -50.0
+
+
+def test_a_correlation_is_of_the_channels_as_loud_as_what_they_share_has_made_them() -> None:
+    """Of 0.5 it was told 1 in units of the model's own white noise, which whitened them."""
+    rng = np.random.default_rng(1)
+    own, shared = rng.standard_normal((2, 12000)), rng.standard_normal(12000)
+    records = dict(zip(("angular_velocity.x", "angular_velocity.y"), own + shared, strict=True))
+    models = {n: ChannelModel(n, "", "", 100.0, 0.0, (), None, 120.0) for n in records}
+    (tie,) = ties({n: whitened(v) for n, v in records.items()}, models)
+    assert abs(tie.value - 0.5) < 3.0 * tie.std_error
+    assert 0.5 * 0.0075 < tie.std_error < 1.5 * 0.0075

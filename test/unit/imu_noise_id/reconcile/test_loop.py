@@ -16,6 +16,7 @@ from imu_noise_id.identify import identify_recording
 from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.model_file import typed_effect
 from imu_noise_id.reconcile import compare_recording, reconcile_recording, reconciliation_tree
+from imu_noise_id.reconcile.loop import lying_otherwise
 from imu_noise_id.recording import Channel, Recording, unit_of
 from imu_noise_id.simulate import simulate_recording
 from scipy.signal import butter, lfilter
@@ -209,3 +210,22 @@ def test_channels_without_a_model_are_listed_with_the_reason(model: NoiseModel) 
     result = reconcile_recording(made("nothing", seed=5), part)
     assert result.channel(NAMES[5]).notes == ("the model has no such channel",)
     assert result.channel(NAMES[5]).verdict == "agrees"
+
+
+def test_gravity_of_the_other_sign_is_said() -> None:
+    """It is no noise, so that all may agree; but somebody compares a simulator with a sensor."""
+
+    def recording(mean: float) -> Recording:
+        name, n = "linear_acceleration.z", 10
+        stamps, still = np.arange(n), np.ones(n, bool)
+        values = np.full(n, mean)
+        return Recording("r", 0, (Channel("/imu", name, "m/s^2", stamps, values, still, 1.0),))
+
+    def models(mean: float) -> dict[str, ChannelModel]:
+        name = "linear_acceleration.z"
+        return {name: ChannelModel(name, "", "m/s^2", 1.0, mean, ())}
+
+    (note,) = lying_otherwise(recording(-9.79), models(9.79))
+    assert note.startswith("linear_acceleration.z: a mean of -9.79 m/s^2 and +9.79 in the model")
+    assert lying_otherwise(recording(9.9), models(9.79)) == []
+    assert lying_otherwise(recording(9.9), models(0.0)) == []
