@@ -1,7 +1,7 @@
 """The arrays of the compiled filter, and where what lies in them.
 
 Everything that depends on the past (states, covariances, counters, the detector of rest) is in
-``bank``, ``shared`` and ``cursor``, so that a checkpoint is a copy of them.
+``bank`` and ``shared``, so that a checkpoint is a copy of them; ``cursor`` says where queues stand.
 """
 
 from __future__ import annotations

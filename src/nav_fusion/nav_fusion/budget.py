@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from nav_fusion.noise import (
     AXES,
     AidNoise,
+    AidRates,
     AxisNoise,
     NavigationNoise,
     TurnOn,
@@ -152,7 +153,8 @@ def budget_of(
         When the model lacks an inertial channel.
     """
     # turn-on bias stands by itself: in the filter it starts the walk, and would be the walk's here
-    noise = from_model(model, TurnOn(0.0, 0.0), aid_rate_hz)
+    rates = AidRates(aid_rate_hz, aid_rate_hz, aid_rate_hz)
+    noise = from_model(model, TurnOn(0.0, 0.0), rates)
     noise = replace(noise, position=_three([_plain(a, 1.0 / aid_rate_hz) for a in noise.position]))
     if noise.position_claimed:
         scale = 2.5

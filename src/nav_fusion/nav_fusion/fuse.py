@@ -26,14 +26,21 @@ from nav_fusion import arrays
 from nav_fusion.consistency import Innovations, innovations_of
 from nav_fusion.engine import Engine, Rows, Status, joined
 from nav_fusion.feeding import adder, inertial
-from nav_fusion.noise import NavigationNoise, TurnOn, from_model, mems_defaults
+from nav_fusion.noise import AidRates, NavigationNoise, TurnOn, from_model, mems_defaults
 from nav_fusion.parameters import DEFAULTS, Parameters
 from nav_fusion.published import FIX_TOPIC, ODOMETRY_TOPIC, fix_messages, odometry_messages
 from nav_fusion.solution import Solution, solve
 
 Stamps = NDArray[np.int64]
 
-AIDS = (cdr.NAV_SAT_FIX, cdr.TWIST, cdr.TWIST_WITH_COVARIANCE, cdr.MAGNETIC_FIELD)
+MEASURES = {
+    cdr.NAV_SAT_FIX: "position_hz",
+    cdr.TWIST: "velocity_hz",
+    cdr.TWIST_WITH_COVARIANCE: "velocity_hz",
+    cdr.MAGNETIC_FIELD: "heading_hz",
+}
+"""Types of the aids, and which of ``AidRates`` each is."""
+AIDS = tuple(MEASURES)
 SHORTEST_STILL_S = 60.0
 """A shorter leading rest identifies nothing that the defaults do not know as well."""
 GNSS_STILL_S = 600.0
@@ -197,7 +204,7 @@ def choose_noise(
     """Choose a model: the one given, else of the leading still part, else stated defaults."""
     turn_on = TurnOn(parameters.gyro_turn_on_rad_s, parameters.accel_turn_on_m_s2)
     if model is not None:
-        return from_model(model, turn_on, rate_of_fixes(columns))
+        return from_model(model, turn_on, rates_of(columns))
     still_s, recording = leading_rest(columns, source)
     if still_s < SHORTEST_STILL_S:
         defaults = mems_defaults(turn_on)
@@ -216,11 +223,13 @@ def choose_noise(
     )
 
 
-def rate_of_fixes(columns: Sequence[TopicColumns]) -> float:
-    """Hz, by the median step of the fixes' stamps; 10 where there are none to tell."""
-    stamps = next((c.stamp_ns for c in columns if c.type == cdr.NAV_SAT_FIX), np.empty(0, np.int64))
-    steps = np.diff(np.unique(stamps))
-    return 1e9 / float(np.median(steps)) if steps.size else 10.0
+def rates_of(columns: Sequence[TopicColumns]) -> AidRates:
+    """Rate of each aid by the median step of its stamps; the default where there are none."""
+    rates = AidRates()
+    for column in columns:
+        if column.type in MEASURES and (steps := np.diff(np.unique(column.stamp_ns))).size:
+            rates = replace(rates, **{MEASURES[column.type]: 1e9 / float(np.median(steps))})
+    return rates
 
 
 def leading_rest(columns: Sequence[TopicColumns], source: str) -> tuple[float, Recording]:

@@ -92,6 +92,15 @@ class TurnOn:
     accel_sigma_m_s2: float = 0.2
 
 
+@dataclass(frozen=True)
+class AidRates:
+    """Measurements a second of each aid, where the model does not state it."""
+
+    position_hz: float = 10.0
+    velocity_hz: float = 10.0
+    heading_hz: float = 10.0
+
+
 def mems_defaults(turn_on: TurnOn = TurnOn()) -> NavigationNoise:
     """Stated values for a consumer MEMS IMU and a single-frequency receiver.
 
@@ -128,7 +137,7 @@ def mems_defaults(turn_on: TurnOn = TurnOn()) -> NavigationNoise:
 
 
 def from_model(
-    model: NoiseModel, turn_on: TurnOn = TurnOn(), aid_rate_hz: float = 10.0
+    model: NoiseModel, turn_on: TurnOn = TurnOn(), rates: AidRates = AidRates()
 ) -> NavigationNoise:
     """Noise of the filter from an identified or typed model.
 
@@ -136,7 +145,7 @@ def from_model(
     (:func:`flicker_terms`).  What is faster: of an inertial channel by its spectrum at 0 Hz (lines,
     rounding and what acts on single samples average out in navigation, or are in the budget; a note
     says so), of an aid as white noise and colour of few states (:mod:`nav_fusion.colour`).  Aids
-    that the model lacks get the defaults; one whose rate it does not state has ``aid_rate_hz``.
+    that the model lacks get the defaults; one whose rate it does not state has that of ``rates``.
 
     Raises
     ------
@@ -149,9 +158,9 @@ def from_model(
     accel = [
         _axis(model, f"linear_acceleration.{a}", turn_on.accel_sigma_m_s2, notes) for a in AXES
     ]
-    position = [_aid(model, f"position.{a}", aid_rate_hz, notes) for a in LEVEL]
-    velocity = [_aid(model, f"velocity.{a}", aid_rate_hz, notes) for a in LEVEL]
-    heading = _aid(model, "heading", aid_rate_hz, notes)
+    position = [_aid(model, f"position.{a}", rates.position_hz, notes) for a in LEVEL]
+    velocity = [_aid(model, f"velocity.{a}", rates.velocity_hz, notes) for a in LEVEL]
+    heading = _aid(model, "heading", rates.heading_hz, notes)
     known = all(p is not None for p in position)
     if not known:
         notes.append(

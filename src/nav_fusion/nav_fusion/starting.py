@@ -158,7 +158,9 @@ class Waiting:
         period_s = float(np.median(np.diff(self._stamp_ns[window]))) * 1e-9
         force, rate = self._force[window], self._rate[window]
         quiet = quiet_limits(self._layout, p, 1.0 / period_s)
-        moves = fixes_move([m for m in self._measurements if m.kind == arrays.FIX])
+        # later ones may be under way: the start would depend on when they arrive
+        known = [m for m in self._measurements if m.time_ns <= fix.time_ns]
+        moves = fixes_move([m for m in known if m.kind == arrays.FIX])
         steady = not moves and bool(force.var(axis=0).sum() < quiet[0])
         turning = np.linalg.norm(rate.mean(axis=0)) > TURNING_SIGMAS * p.gyro_turn_on_rad_s
         still = steady and not turning and bool(rate.var(axis=0).sum() < quiet[1])

@@ -147,6 +147,15 @@ def test_a_smooth_turn_from_the_first_sample_is_not_taken_for_rest(
     assert np.all(np.abs(solution.position[-1] - expected) < 4.0 * sigma + 0.05)
 
 
+def test_whether_the_start_moves_does_not_depend_on_when_fixes_arrive() -> None:
+    d = circle(2.8, 70.0, 20.0)  # so slow that half a second of fixes more would tell
+    late_s = np.full(d.fix_ns.size, 0.45)
+    late_s[-1] = 0.0
+    in_order, _ = fused(d)
+    late, _ = fused(d, late_s=late_s)
+    assert np.array_equal(in_order.state(), late.state())
+
+
 def test_standing_without_magnetometer_the_heading_is_not_observable() -> None:
     engine, rows = fused(
         drive(10.0, rest_s=100.0), replace(HEADED, initial_heading_rad=float("nan"))

@@ -14,7 +14,7 @@ import pytest
 from imu_noise_id.bags import read_topics
 from nav_fusion.commands.fuse import main
 from nav_fusion.engine import Engine
-from nav_fusion.fuse import STEPS, fuse_bag
+from nav_fusion.fuse import STEPS, fuse_bag, rates_of
 from nav_fusion.noise import from_model
 from nav_fusion.parameters import Parameters
 from rosbags.highlevel import AnyReader
@@ -136,6 +136,13 @@ def test_stamps_survive_the_bag(tmp_path: Path) -> None:
     columns, _ = read_topics(write(d, tmp_path / "bag"))
     imu = next(c for c in columns if c.type == cdr.IMU)
     assert np.array_equal(imu.stamp_ns, d.stamp_ns)
+
+
+def test_the_rate_of_each_aid_is_that_of_its_own_stamps(tmp_path: Path) -> None:
+    columns, _ = read_topics(write(drive(10.0), tmp_path / "bag"))
+    rates = rates_of(columns)
+    assert rates.position_hz == pytest.approx(5.0)
+    assert (rates.velocity_hz, rates.heading_hz) == (10.0, 10.0)
 
 
 CALLED = """

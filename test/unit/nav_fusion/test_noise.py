@@ -16,7 +16,7 @@ from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.errors import InputError
 from imu_noise_id.model import ChannelModel, FittedEffect, NoiseModel
 from nav_fusion.colour import grid, sampled_psd
-from nav_fusion.noise import LEVEL, TurnOn, flicker_terms, from_model, mems_defaults
+from nav_fusion.noise import LEVEL, AidRates, TurnOn, flicker_terms, from_model, mems_defaults
 from nav_fusion.state import UNSEEN, layout_of
 
 UNITS = {"angular_velocity": "rad/s", "linear_acceleration": "m/s^2", "position": "m"}
@@ -50,6 +50,23 @@ def test_terms_enter_with_their_own_dynamics_and_the_turn_on_sigma_not_the_mean(
     assert markov.density == pytest.approx(2e-3 * math.sqrt(2 / 50.0))
     assert markov.initial_sigma == 2e-3
     assert noise.gyro[0].white_density == 1e-3
+
+
+def test_an_aid_whose_rate_the_model_does_not_state_has_the_rate_at_which_it_comes() -> None:
+    """A density is of no use without it: the variance of a fix is density^2 times the rate."""
+
+    def fixes(rate_hz: float | None) -> list[ChannelModel]:
+        white = (FittedEffect(WhiteNoise(0.1), ()),)
+        return [ChannelModel(f"position.{a}", "", "m", rate_hz, 0.0, white) for a in LEVEL]
+
+    inertial = imu(WhiteNoise(1e-3))
+    stated = from_model(NoiseModel((*inertial, *fixes(2.0))))
+    told = from_model(NoiseModel((*inertial, *fixes(None))), rates=AidRates(position_hz=2.0))
+    assert told.position == stated.position
+    assert stated.notes == ()
+    assert told.notes[0] == (
+        "position.east: the model does not say at what rate (rate_hz): 2 Hz used"
+    )
 
 
 def test_a_walk_carries_the_turn_on_bias() -> None:

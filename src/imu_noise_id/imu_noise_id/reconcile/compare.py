@@ -163,8 +163,6 @@ def freedom(state: State, found: Analysis, column: Column) -> float:
     where the whitened course is (Satterthwaite 1946).  Of a drift that shows in few ordinates, few.
     """
     spectrum, bins = found.fit.spectrum, found.ordinates
-    if not spectrum.tangent.size:
-        return np.inf
     weight = column.coefficients**2 * found.inverse_psd
     frequency_hz = np.arange(weight.size) / (2.0 * weight.size * state.sample_time_s)
     mean = [float(np.interp(frequency_hz, bins.frequency_hz, t) @ weight) for t in spectrum.tangent]

@@ -48,3 +48,12 @@ def test_of_a_level_that_the_model_knows_nothing_is_left_to_learn() -> None:
     ramp = Column(RateRamp(1.0), state.time_s - state.time_s.mean())
     assert freedom(state, analyse(state), ramp) > 1e6
     assert freedom(state, analyse(replace(state, prior=Prior.none())), ramp) < 100.0
+
+
+def test_a_spectrum_with_nothing_free_is_known() -> None:
+    values = np.random.default_rng(5).standard_normal(N)
+    state = State(values, DT, 0.0, None, (), Prior.none(), floor=DT)
+    ramp = Column(RateRamp(1.0), state.time_s - state.time_s.mean())
+    known = freedom(state, analyse(state), ramp)
+    assert known > 1e6
+    assert gain_log_p(known, 9.0) == pytest.approx(stats.chi2.logsf(9.0, 1), rel=1e-3)
