@@ -8,8 +8,8 @@ given their whole variance as white.
 
 Both are scored at every IMU sample, a fix that holds at just that sample used.  Our rows never hold
 it (a row uses nothing that comes with its sample or after it), pyins' always do: scored by rows,
-ours looks 0.3 % worse by that alone.  What pyins gives is appended by line to ``--results``; ours is
-computed for each page.
+ours looks 0.3 % worse by that alone.  What pyins gives is appended by line to ``--results``; ours
+is computed for each page.
 """
 
 from __future__ import annotations
@@ -162,9 +162,9 @@ def main() -> None:
         "# Position error beside pyins",
         "",
         "Simulated drives and flights of 120 s, 100 Hz and 10 Hz; root mean square of the position "
-        f"error from {SCORED_FROM_S:.0f} s on, over all samples and runs.  Ratio ours / pyins with its "
-        "standard error.  Start heading known to 0.05 rad, the same in both; the white noise and "
-        "biases of the IMU are told to both, pyins takes the Gauss-Markov part as a walk and "
+        f"error from {SCORED_FROM_S:.0f} s on, over all samples and runs.  Ratio ours / pyins with "
+        "its standard error.  Start heading known to 0.05 rad, the same in both; the white noise "
+        "and biases of the IMU are told to both, pyins takes the Gauss-Markov part as a walk and "
         "coloured fixes as white of the same variance, all that it can be told.  Processor time: "
         "median.",
         "",
