@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from nav_fusion import arrays, hypotheses, observe
+from nav_fusion import arrays, headings, observe
 from nav_fusion.doubt import FEWEST_FIXES, doubts_of, sentences
 from nav_fusion.state import ALIVE, NAV, SLOW, STRIDE
 
@@ -183,7 +183,7 @@ def _newest_row(running: arrays.Core | None) -> Floats:
     row = np.zeros(arrays.OUT_SIZE)
     if running is not None:
         k = int((running.cursor[arrays.SAMPLES] - 1) % arrays.IMU_RING)
-        hypotheses.write_output(running, k, row)
+        headings.write_output(running, k, row)
     return row
 
 

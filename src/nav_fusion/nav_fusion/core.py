@@ -43,7 +43,8 @@ from nav_fusion.arrays import (
     Floats,
     Ints,
 )
-from nav_fusion.hypotheses import correct, get_ready, glide_over, propagate, write_output
+from nav_fusion.headings import correct, write_output
+from nav_fusion.hypotheses import get_ready, glide_over, propagate
 from nav_fusion.state import ALIVE
 from nav_fusion.stillness import add_to_block, begin_block, block_due, close_block
 
