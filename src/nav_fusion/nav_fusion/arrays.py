@@ -62,6 +62,9 @@ START, CHECKPOINT_PERIOD, PUBLISH_PERIOD, GAP, WINDOW, FURTHEST = 8, 9, 10, 11, 
 
 # constants
 GYRO_PSD, ACCEL_PSD, UNKNOWN, QUIET, STILL_USE = 0, 3, 6, 10, 30
+CIRCLE = 31
+"""From here on, of each hypothesis, the shares of ``CIRCLE_HEADINGS`` of them; none if too few."""
+CIRCLE_HEADINGS, FEWEST_ON_CIRCLE = 5, 8
 
 # work: some vectors, one matrix and the last step before the scratch of its users
 MATRIX, LAST_DT, VECTORS = 48, 57, 64
@@ -118,10 +121,32 @@ def new_core(
         np.zeros(CHECKPOINTS, dtype=np.int64),
         slow.target,
         np.stack([slow.rate, slow.psd, slow.variance, slow.spin]),
-        np.concatenate([layout.gyro_psd, layout.accel_psd, gap, quiet, *sensing]),
+        np.concatenate(
+            [layout.gyro_psd, layout.accel_psd, gap, quiet, *sensing, circle_shares(count)]
+        ),
         np.zeros(size),
         np.zeros(VECTORS + SCRATCH_SIZE + UPDATE_SIZE),
     )
+
+
+@njit(cache=True)
+def circle_heading(k: int, count: int) -> int:
+    """Index of the k-th of the headings that are followed at rest."""
+    return (2 * k * count + CIRCLE_HEADINGS) // (2 * CIRCLE_HEADINGS)
+
+
+def circle_shares(count: int) -> Floats:
+    """Weights (count, 5), flat, by which a function on the circle follows from five of its values.
+
+    Exact for a constant, and for sine and cosine of the heading and of twice the heading.
+    """
+    if count < FEWEST_ON_CIRCLE:
+        return np.empty(0)
+    angle = 2.0 * np.pi * np.arange(count) / count
+    waves = [np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle)]
+    basis = np.stack([np.ones(count), *waves], axis=1)
+    five = [circle_heading(k, count) for k in range(CIRCLE_HEADINGS)]
+    return np.linalg.solve(basis[five].T, basis.T).T.ravel()
 
 
 @njit(cache=True)

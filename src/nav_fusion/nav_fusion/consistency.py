@@ -122,7 +122,7 @@ def status_of(engine: Engine) -> Status:
     band = mean_band(3, fixes) if fixes else (None, None)
     whiteness, limit = _whiteness(s), whiteness_limit(observe.LAGS)
     total = {slot: int(past[slot] + s[slot]) for slot in observe.TOTALS}
-    alive = 0 if running is None else int((running.bank[:, ALIVE] > 0).sum())
+    alive = 0 if running is None else int((running.bank[:, ALIVE] != 0).sum())
     doubts = sentences(engine, doubts_of(engine))
     known = s[observe.ALIGNED_S] if s[observe.ALIGNED_S] > 0 else None
     bias = tuple(map(float, row[arrays.OUT_BIAS : arrays.OUT_BIAS + 6]))

@@ -81,7 +81,7 @@ def save_checkpoint(core: Core) -> None:
         if core.bank[h, ALIVE] > 0.0:
             core.checkpoint_bank[k, h, :] = core.bank[h]
         else:
-            core.checkpoint_bank[k, h, ALIVE] = 0.0
+            core.checkpoint_bank[k, h, ALIVE] = core.bank[h, ALIVE]
     while core.checkpoint_sample[c[FIRST_CHECKPOINT] % CHECKPOINTS] < c[SAMPLES] - REACH:
         c[FIRST_CHECKPOINT] += 1
 
@@ -183,7 +183,7 @@ def rewind(core: Core, before_ns: int) -> None:
         if core.checkpoint_bank[k, h, ALIVE] > 0.0:
             core.bank[h, :] = core.checkpoint_bank[k, h]
         else:
-            core.bank[h, ALIVE] = 0.0
+            core.bank[h, ALIVE] = core.checkpoint_bank[k, h, ALIVE]
     c[SAMPLES] = core.checkpoint_sample[k]
     time = checkpoint_ns(core, k)
     c[CHECKPOINT_DUE] = time + c[CHECKPOINT_PERIOD]

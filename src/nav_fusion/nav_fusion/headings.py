@@ -30,6 +30,7 @@ from nav_fusion.arrays import (
     slow_of,
     update_of,
 )
+from nav_fusion.circle import AWAKENING, some_sleep, wake
 from nav_fusion.hypotheses import heaviest, refresh_bias, settle, settle_all
 from nav_fusion.observe import (
     ALIGNED_S,
@@ -82,11 +83,26 @@ def wrap(angle: float) -> float:
 
 
 @njit(cache=True)
+def are_alike(core: Core, best: int) -> bool:
+    """Whether the likelihoods of all that are followed are near the heaviest's."""
+    for h in range(core.bank.shape[0]):
+        behind = core.bank[best, LOG_WEIGHT] - core.bank[h, LOG_WEIGHT]
+        if core.bank[h, ALIVE] > 0.0 and behind > AWAKENING:
+            return False
+    return True
+
+
+@njit(cache=True)
 def prune(core: Core, time_s: float) -> None:
     """End hypotheses that are 10^-6 as likely as the best, or that have become the same as it."""
     best = heaviest(core)
     if core.bank[best, ALIGNED_S] != 0.0:
         return
+    if some_sleep(core):
+        if are_alike(core, best):
+            return
+        wake(core)
+        best = heaviest(core)
     m = core.target.size
     here = heading_of(core.bank[best], core)
     certain = heading_variance(core.bank[best], m)
@@ -113,6 +129,8 @@ def correct(core: Core, index: int, sample: int) -> None:
     time_s = float(core.measurement_ns[index] - core.cursor[START]) * 1e-9
     rate, rests = core.work[:3], core.shared[RESTING] == 1.0
     slow, sensing, update = slow_of(core), sensing_of(core), update_of(core)
+    if kind == FIELD:
+        wake(core)
     settle_all(core)
     for h in range(core.bank.shape[0]):
         s = core.bank[h]
@@ -150,16 +168,17 @@ def spread(core: Core, best: int, mean: Floats, P: Floats) -> int:
     here = heading_of(s, core)
     radius = math.sqrt(s[R] ** 2 + s[R + 1] ** 2 + s[R + 2] ** 2)
     difference = np.zeros(NAV)
-    total = 0.0
+    total, turned2 = 0.0, 0.0
     alive = 0
     for h in range(core.bank.shape[0]):
         other = core.bank[h]
+        alive += other[ALIVE] != 0.0
         if other[ALIVE] <= 0.0:
             continue
-        alive += 1
         weight = math.exp(other[LOG_WEIGHT] - s[LOG_WEIGHT])
         total += weight
         turn = wrap(heading_of(other, core) - here) if h != best else 0.0
+        turned2 += weight * turn * turn
         for i in range(3):
             difference[i] = other[R + i] - s[R + i]
             difference[3 + i] = other[V + i] - s[V + i]
@@ -177,7 +196,24 @@ def spread(core: Core, best: int, mean: Floats, P: Floats) -> int:
             if i < 6 or j < 6:  # place and velocity are published at their mean, attitude is not
                 P[NAV * i + j] -= mean[i] * mean[j]
     mean[6:] = 0.0
+    if some_sleep(core):
+        widen_heading(s, P, circle_variance(core.bank.shape[0]) - turned2 / total)
     return alive
+
+
+@njit(cache=True)
+def widen_heading(s: Floats, P: Floats, more: float) -> None:
+    """Add to the variance about the vertical what the headings that sleep are turned by."""
+    radius2 = s[R] ** 2 + s[R + 1] ** 2 + s[R + 2] ** 2
+    for i in range(3):
+        for j in range(3):
+            P[NAV * (6 + i) + 6 + j] += max(more, 0.0) * s[R + i] * s[R + j] / radius2
+
+
+@njit(cache=True)
+def circle_variance(count: int) -> float:
+    """Mean square turn from one heading to all of ``count`` on the circle, an even number."""
+    return (2.0 * math.pi / count) ** 2 * (count**2 + 2.0) / 12.0
 
 
 @njit(cache=True)

@@ -29,6 +29,8 @@ IMU_TARGETS = 6
 # Layout of one hypothesis: navigation, bookkeeping, slow states, covariance.
 R, V, Q = 0, 3, 6
 ALIVE, LOG_WEIGHT = 10, 11
+ASLEEP = -1.0
+"""``ALIVE`` of a hypothesis that is not followed at rest (:mod:`nav_fusion.circle`); dead is 0."""
 BIAS = 76
 ELAPSED, FORCE_SUM, TURN_SUM, GAP_VARIANCE = 82, 83, 86, 95
 SPANS, DRIFTS, USED_BEFORE = 97, 113, 119

@@ -35,6 +35,7 @@ from nav_fusion.arrays import (
     slow_of,
     update_of,
 )
+from nav_fusion.circle import fall_asleep, wake
 from nav_fusion.hypotheses import catch_up, heaviest, refresh_bias, settle_all
 from nav_fusion.observe import (
     correct_by_rates,
@@ -51,6 +52,8 @@ SETTLING_BLOCKS, WATCHED_BLOCKS = 120.0, 480.0
 and so long it must hold."""
 
 MOST_SHAKE_BLOCKS = 40.0
+SLEEPY_BLOCKS = 8.0
+"""So often, of quiet blocks, hypotheses are asked whether they may fall asleep."""
 CHANGE_LIMIT = 14.0
 """Of white noise alone, two blocks' means differ by more once in 10^4: 2/3 of chi-square's 21."""
 SHAKE_HZ = 2.0
@@ -117,6 +120,7 @@ def close_block(core: Core, time_ns: int) -> None:
     else:
         d[QUIET_BLOCKS] = 0.0
         d[SHAKE : RESTING + 1] = 0.0
+        wake(core)
     d[STILL] = 1.0 if d[QUIET_BLOCKS] >= k[QUIET + 3] else 0.0
     if d[STILL] == 1.0 and k[STILL_USE] != 0.0:
         rest(core, mean, length_s, n)
@@ -175,13 +179,15 @@ def rest(core: Core, mean: Floats, length_s: float, samples: float) -> None:
     elif d[RESTING] == 1.0 and fixes_contradict(best, slow):
         d[DENIED] = 1.0
         scale = core.z[max(core.cursor[NEXT] - 1, 0), 15:18]
+        wake(core)
         for h in range(core.bank.shape[0]):
             forget_rest(core.bank[h], slow, scale, sensing.still[2], update)
     variance = shake_variance(core, samples)
-    d[RESTING] = 0.0
-    if d[DENIED] > 0.0 or not may_rest(best, m, variance, sensing, update):
+    rests = d[DENIED] == 0.0 and may_rest(best, m, variance, sensing, update)
+    d[RESTING] = 1.0 if rests else 0.0
+    if not rests:
+        wake(core)
         return
-    d[RESTING] = 1.0
     gyro_psd = core.constants[GYRO_PSD : GYRO_PSD + 3]
     for h in range(core.bank.shape[0]):
         s = core.bank[h]
@@ -189,6 +195,8 @@ def rest(core: Core, mean: Floats, length_s: float, samples: float) -> None:
             correct_by_rates(s, slow, mean, gyro_psd, length_s, sensing, update)
             correct_by_stop(s, slow, variance, sensing, update)
             refresh_bias(s, slow)
+    if d[QUIET_BLOCKS] % SLEEPY_BLOCKS == 0.0:
+        fall_asleep(core)
 
 
 @njit(cache=True)

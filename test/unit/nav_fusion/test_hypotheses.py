@@ -15,7 +15,7 @@ from nav_fusion.parameters import Parameters
 from nav_fusion.state import LOG_WEIGHT, NAV, SLOW, STRIDE
 
 from helpers.drive import Drive, drive, play
-from nav_fusion import core
+from nav_fusion import circle, core
 
 GYRO = AxisNoise(1e-4, (SlowTerm(0.005, float("inf"), 1e-6, "rate_random_walk"),))
 ACCEL = AxisNoise(2e-3, (SlowTerm(0.05, float("inf"), 1e-5, "rate_random_walk"),))
@@ -61,12 +61,14 @@ def test_hypotheses_that_follow_end_where_filters_of_their_own_end() -> None:
     assert together is not None
     assert all_of_it is not None
     assert together.shared[RESTING] == 1.0
+    circle.wake(together)
     later = core.measurements_after(all_of_it, int(d.fix_ns[99]))
     assert len(later) == 100
     own = [alone(together, h) for h in range(0, 32, 5)]
     for one in own:
         fed(one, d, iter(later))
     fed(together, d, iter(later))
+    circle.wake(together)
     for h, one in zip(range(0, 32, 5), own, strict=True):
         s, expected = together.bank[h], one.bank[0]
         n = NAV + together.target.size
@@ -91,5 +93,7 @@ def test_how_often_rows_are_due_does_not_make_a_heading_likelier() -> None:
     often, seldom = standing(replace(UNKNOWN, publish_rate_hz=100.0))._core, standing()._core
     assert often is not None
     assert seldom is not None
+    circle.wake(often)
+    circle.wake(seldom)
     apart = often.bank[:, LOG_WEIGHT] - seldom.bank[:, LOG_WEIGHT]
     assert np.ptp(apart) < 1e-4
