@@ -56,7 +56,8 @@ def variance_scan(white: Floats, blocks: int = 256) -> tuple[int, int, float, fl
     (n log v_all - m log v_in - (n - m) log v_out)/2 nats over one variance for all; every window of
     whole blocks is tried.  There are n/m places for a window, so that short ones reach any gain by
     chance more often: the window that gains most beyond log(n/min(m, n - m)) is taken (Duembgen and
-    Spokoiny 2001).
+    Spokoiny 2001).  A window that reaches one end of the record is as likely as the rest of it: of
+    the two, the one outside which the variance is nearer to 1.
 
     Parameters
     ----------
@@ -94,10 +95,16 @@ def variance_scan(white: Floats, blocks: int = 256) -> tuple[int, int, float, fl
     gain = 0.5 * (m_all * np.log(v_all) - m_in * np.log(v_in) - (m_all - m_in) * np.log(v_out))
     places = m_all / np.minimum(m_in, m_all - m_in)
     best = int(np.argmax(gain - np.log(places)))
-    return (
-        int(i[best] * size),
-        int(j[best] * size),
-        float(v_in[best] / v_out[best]),
-        float(gain[best]),
-        float(places[best]),
-    )
+    first, last = int(i[best] * size), int(j[best] * size) if j[best] < count else white.size
+    ratio = float(v_in[best] / v_out[best])
+    rest = other_side(first, last, white.size)
+    if rest is not None and abs(np.log(v_in[best])) < abs(np.log(v_out[best])):
+        (first, last), ratio = rest, 1.0 / ratio
+    return first, last, ratio, float(gain[best]), float(places[best])
+
+
+def other_side(first: int, last: int, count: int) -> tuple[int, int] | None:
+    """The rest of ``count`` samples beside a window that reaches one end of them; else None."""
+    if first == 0:
+        return last, count
+    return (0, first) if last == count else None

@@ -16,6 +16,7 @@ from scipy import fft
 from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.variance_change import variance_scan
 from imu_noise_id.ordinates import Ordinates, Residual, bin_edges
+from imu_noise_id.reconcile.patches import loudest_patch
 from imu_noise_id.reconcile.prior import Prior, map_fit
 from imu_noise_id.reconcile.result import Where
 from imu_noise_id.recording import Floats
@@ -31,6 +32,7 @@ NAMES = (
     "extreme",
     "burst",
     "levels",
+    "patch",
 )
 """Statistics with a simulated null, in the order of their columns."""
 
@@ -101,6 +103,7 @@ def battery(record: Whitened) -> tuple[Statistic, ...]:
         *_moments(record),
         _burst(record),
         _levels(record),
+        _patch(record),
     )
 
 
@@ -218,6 +221,14 @@ def _burst(record: Whitened) -> Statistic:
         gain - float(np.log(places)),
         Where("time", float(times[0]), float(times[1]), "s", sign),
     )
+
+
+def _patch(record: Whitened) -> Statistic:
+    """Gain of the best band that is louder or quieter for a while, less the log of its places."""
+    patch = loudest_patch(record.samples, record.sample_time_s)
+    times = record.start_s + record.sample_time_s * np.array([patch.first, patch.last])
+    sign = 1.0 if patch.ratio > 1.0 else -1.0
+    return Statistic("patch", patch.net, Where("time", float(times[0]), float(times[1]), "s", sign))
 
 
 def normal_of_kurtosis(kurtosis: float, n: int) -> float:

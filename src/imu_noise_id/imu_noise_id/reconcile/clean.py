@@ -32,7 +32,7 @@ from imu_noise_id.reconcile.contamination import (
     timing_changes,
 )
 from imu_noise_id.reconcile.explain import quieten
-from imu_noise_id.reconcile.lines import PRESENT_NATS, line_index, steadied
+from imu_noise_id.reconcile.lines import PRESENT_NATS, given_span, has_span, line_index, steadied
 from imu_noise_id.reconcile.null import load_null, log_p_of, z_of
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE, Where
 from imu_noise_id.reconcile.state import State, analyse
@@ -212,7 +212,7 @@ def _given_burst(work: Work) -> Work:
         error = float(np.sqrt(2.0 / inside.sum())) + 0.05
         first, last = (int(i) for i in np.flatnonzero(inside)[[0, -1]])
         kept = ratio if abs(np.log(ratio / burst.ratio)) < 4.0 * error else burst.ratio
-        values = quieten(work.found, first, last + 1, kept)
+        values, _ = quieten(work.found, first, last + 1, kept)
         if kept == ratio:
             work = work.analysed(work.state.with_values(values))
             continue
@@ -228,7 +228,7 @@ def _given_burst(work: Work) -> Work:
         before = replace(work, unmet=(*work.unmet, _finding(change)))
         after = work
         if not gone:
-            quiet = quieten(work.found, first, last + 1, ratio)
+            quiet, _ = quieten(work.found, first, last + 1, ratio)
             after = work.analysed(work.state.with_values(quiet))
         work = drafted(before, after, change.action, change.effect, _finding(change))
     return work
@@ -243,10 +243,12 @@ def _given_lines(work: Work) -> Work:
         index = line_index(work.state, line.frequency_hz)
         if index is None:
             continue
+        work = _given_for_a_while(work, index, has_span(fitted.note))
         amplitude = float(np.hypot(*work.found.sizes[index : index + 2]))
         error = float(np.mean(work.found.errors[index : index + 2]))
-        steady, wander = steadied(work.state, work.found, index)
-        work = work.analysed(steady) if wander else work
+        if work.state.columns[index].span_s is None:
+            steady, wander = steadied(work.state, work.found, index)
+            work = work.analysed(steady) if wander else work
         known = fitted.estimates[1].std_error or 0.0
         scatter = np.sqrt(known**2 + error**2 + (TYPED_SIZE_ERROR * line.amplitude) ** 2)
         z = (amplitude - line.amplitude) / float(scatter)
@@ -263,6 +265,27 @@ def _given_lines(work: Work) -> Work:
         after = work.analysed(replace(work.state, columns=columns)) if gone else work
         work = drafted(before, after, change.action, effect, _finding(change))
     return work
+
+
+def _given_for_a_while(work: Work, index: int, noted: bool) -> Work:
+    """A line of the model that comes or goes is sized while it is there.
+
+    That it is not there at other times is something that no other size explains, unless the model
+    says so (``noted``).
+    """
+    seen = given_span(work.state, work.found, index)
+    if seen is None:
+        return work
+    span_s, pair = seen
+    columns = (*work.state.columns[:index], *pair, *work.state.columns[index + 2 :])
+    after = work.analysed(replace(work.state, columns=columns))
+    gain = after.found.objective - work.found.objective
+    if gain < 2.0 * PRESENT_NATS or noted:
+        return after if gain > 0.0 else work
+    end_s = work.state.start_s + work.state.values.size * work.state.sample_time_s
+    absent = max((work.state.start_s, span_s[0]), (span_s[1], end_s), key=lambda s: s[1] - s[0])
+    finding = Finding("absent line", -gain, z_of(-gain), Where("time", *absent, "s", -z_of(-gain)))
+    return replace(after, unmet=(*after.unmet, finding))
 
 
 def answer_hits(work: Work, rng: np.random.Generator) -> Work:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from imu_noise_id.effects.base import Effect
+from imu_noise_id.model import FittedEffect
 from imu_noise_id.reconcile.result import ADD, REFIT
 from imu_noise_id.wording import channel_label
 
@@ -45,8 +45,7 @@ def sentence(
     name: str,
     unit: str,
     action: str,
-    effect: Effect,
-    rival: str,
+    fitted: FittedEffect,
     unseen: tuple[float, float],
 ) -> str:
     """Say what was missing, or wrong, and what that did to the gap.
@@ -56,12 +55,12 @@ def sentence(
     name, unit : str
         Of the channel.
     action : str
-    effect : Effect
-    rival : str
-        Another name that fits as well, or empty.
+    fitted : FittedEffect
+        Its note says what its numbers do not.
     unseen : tuple of (float, float)
         Gap on unseen data before and after.
     """
+    effect = fitted.effect
     values = {p.name: getattr(effect, p.name) for p in effect.parameters}
     if effect.name == "cross_axis":
         thing = (
@@ -76,6 +75,6 @@ def sentence(
         what = f"{effect.name} had other values: {thing}"
     else:
         what = f"{thing} is in the model and not in the recording"
-    between = f"; between {effect.name} and {rival}" if rival else ""
-    gap = f"gap {unseen[0]:.1f} -> {unseen[1]:.1f} on unseen data{between}"
+    note = f"; {fitted.note}" if fitted.note else ""
+    gap = f"gap {unseen[0]:.1f} -> {unseen[1]:.1f} on unseen data{note}"
     return f"{channel_label(name)}: {what} ({gap})"

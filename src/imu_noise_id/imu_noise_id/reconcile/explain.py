@@ -18,11 +18,18 @@ from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.effects.random_telegraph import RandomTelegraph, decode
 from imu_noise_id.effects.rate_ramp import RateRamp
 from imu_noise_id.effects.temperature import Temperature
-from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
+from imu_noise_id.effects.variance_change import VarianceChange, other_side, variance_scan
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.reconcile.battery import BURST_BLOCKS, band_places, band_starts
 from imu_noise_id.reconcile.compare import footings, freed_column, residual_of, with_column
-from imu_noise_id.reconcile.lines import line_columns, steadied, strongest_line
+from imu_noise_id.reconcile.lines import (
+    beside_a_line,
+    line_columns,
+    line_span,
+    steadied,
+    strongest_line,
+)
+from imu_noise_id.reconcile.patches import band_gain
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, SLOW, without
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
 from imu_noise_id.reconcile.state import Analysis, State, analyse, course_column
@@ -197,8 +204,31 @@ def _responses(state: State, found: Analysis) -> list[Candidate]:
 def _lines(state: State, found: Analysis) -> list[Candidate]:
     if _count(state, "periodic") >= 2 * MOST_PER_CHANNEL["periodic"]:
         return []
+    return [*_steady_line(state, found), *_passing_line(state, found)]
+
+
+def _passing_line(state: State, found: Analysis) -> list[Candidate]:
+    """The strongest line, if it is there for a while only: from and to are two parameters more."""
+    seen = line_span(found.white.samples, state.sample_time_s)
+    if seen is None:
+        return []
+    frequency_hz, *ends = seen
+    start_s, end_s = (state.start_s + state.sample_time_s * end for end in ends)
+    pair = line_columns(frequency_hz, state, (start_s, end_s))
+    if beside_a_line(pair, state):
+        return []
+    grown = replace(state, columns=(*state.columns, *pair), effects=found.fit.effects)
+    price = 4.0 * PRICE_PER_PARAMETER + _place_price(pair[0].effect, state)
+    trial = _candidate(ADD, pair[0].effect, price, found, grown)
+    amplitude = float(np.hypot(*trial.found.sizes[-2:]))
+    return [replace(trial, effect=Periodic(frequency_hz, max(amplitude, 1e-300)))]
+
+
+def _steady_line(state: State, found: Analysis) -> list[Candidate]:
     frequency_hz = strongest_line(found.white.samples, state.sample_time_s)
     pair = line_columns(frequency_hz, state)
+    if beside_a_line(pair, state):
+        return []
     grown = replace(state, columns=(*state.columns, *pair), effects=found.fit.effects)
     trial = _candidate(ADD, pair[0].effect, 0.0, found, grown)
     amplitude = float(np.hypot(*trial.found.sizes[-2:]))
@@ -243,40 +273,66 @@ def _course(
     return Candidate(ADD, fitted, gain, price, grown, after)
 
 
-def quieten(found: Analysis, first: int, last: int, ratio: float) -> Floats:
+def quieten(found: Analysis, first: int, last: int, ratio: float) -> tuple[Floats, float]:
     """Values with the fast noise of [first, last) divided by sqrt(ratio); slow parts stay.
 
     Fast is what a Wiener filter takes for white noise, the share N^2/S of each ordinate: a moving
     mean would keep the white noise below its own cutoff, which a long burst shows as a slow noise.
+
+    Returns
+    -------
+    values : (n,) float64
+    log_volume : float
+        Logarithm of the volume by which that scales the record, what its density gains: of the
+        window's share of the ordinates.
     """
     state = found.state
     inverse = found.inverse_psd
     densities = [e.density for e in found.fit.effects if isinstance(e, WhiteNoise)]
     upper = float(np.median(1.0 / inverse[inverse.size // 2 :]))
     level = max(sum(d * d for d in densities) + state.floor, upper)
-    fast = fft.idct(found.coefficients * np.minimum(level * inverse, 1.0), norm="ortho")
+    share = np.minimum(level * inverse, 1.0)
+    fast = fft.idct(found.coefficients * share, norm="ortho")
+    less = 1.0 - 1.0 / np.sqrt(ratio)
     out = state.values.copy()
-    out[first:last] -= fast[first:last] * (1.0 - 1.0 / np.sqrt(ratio))
-    return out
+    out[first:last] -= fast[first:last] * less
+    log_volume = (last - first) / out.size * float(np.sum(np.log1p(-less * share)))
+    return out, log_volume
 
 
 def _bursts(state: State, found: Analysis) -> list[Candidate]:
+    """The window of other variance; where it reaches an end of the record, the rest of it too.
+
+    Both fit alike: which of the two levels is the given model's decides between them.
+    """
     white = found.white.samples
-    first, last, ratio, gain, _ = variance_scan(white, BURST_BLOCKS)
+    first, last, _, gain, _ = variance_scan(white, BURST_BLOCKS)
     if gain < 6.0:
         return []
     first, last = _sharpen(white, first, last, white.size // BURST_BLOCKS)
+    whole, band = band_gain(white, first, last)
+    if band > whole:
+        return []  # one band comes or goes, and the noise is what it was
+    windows = [(first, last), other_side(first, last, white.size)]
+    out = [_burst(state, found, *window) for window in windows if window is not None]
+    return [burst for burst in out if burst is not None]
+
+
+def _burst(state: State, found: Analysis, first: int, last: int) -> Candidate | None:
+    white = found.white.samples
     if loudest_log_p(white[first:last]) < COLOURED_LOG_P:
-        return []  # a tone or a ring that is there for a while, and no noise that is louder
+        return None  # a tone or a ring that is there for a while, and no noise that is louder
     inside = float(np.mean(white[first:last] ** 2))
     outside = float(np.mean(np.concatenate((white[:first], white[last:])) ** 2))
     ratio = inside / outside
     times = state.start_s + state.sample_time_s * np.array([first, last])
     effect = VarianceChange(float(times[0]), float(times[1]), ratio)
-    quiet = state.with_values(quieten(found, first, last, ratio))
+    values, log_volume = quieten(found, first, last, ratio)
+    quiet = state.with_values(values)
     after = analyse(replace(quiet, effects=found.fit.effects))
     quiet = replace(quiet, effects=after.fit.effects)
-    return [Candidate(ADD, effect, gain, 3.0 * PRICE_PER_PARAMETER, quiet, after)]
+    gain = after.objective - found.objective + log_volume
+    return Candidate(ADD, effect, gain, 3.0 * PRICE_PER_PARAMETER, quiet, after)
 
 
 def loudest_log_p(samples: Floats) -> float:

@@ -31,14 +31,133 @@ MOST_HARMONIC = 40
 BESIDE = 3
 """Half spacings by which a harmonic may lie off the multiple."""
 SURROUNDINGS = 40
+SPAN_BLOCKS = 256
+LEAST_SPAN, MOST_SPAN = 0.05, 0.9
+"""Shares of the record for which a line that comes or goes is there."""
+AROUND = 16
+ABSENT = 0.1
+"""Power outside its span over that within, of a line that is not there."""
 HARMONIC_LOG_P = -10.0
 
 
-def line_columns(frequency_hz: float, state: State) -> tuple[Column, Column]:
-    """Cosine and sine of one line."""
+def line_columns(
+    frequency_hz: float, state: State, span_s: tuple[float, float] | None = None
+) -> tuple[Column, Column]:
+    """Cosine and sine of one line, nothing outside its span."""
     phase = 2.0 * np.pi * frequency_hz * state.time_s
     line = Periodic(frequency_hz, 1.0)
-    return Column(line, np.cos(phase)), Column(line, np.sin(phase))
+    there = np.ones(phase.size)
+    if span_s is not None:
+        there = ((state.time_s >= span_s[0]) & (state.time_s < span_s[1])).astype(float)
+    shapes = there * np.cos(phase), there * np.sin(phase)
+    cosine, sine = (Column(line, shape, span_s=span_s) for shape in shapes)
+    return cosine, sine
+
+
+def beside_a_line(pair: tuple[Column, Column], state: State) -> bool:
+    """Whether a line is within two spacings of one that is there at the same time.
+
+    Then it is that line which wanders: two such columns are nearly the same, and of any size.
+    """
+    reach_hz = 2.0 / (state.values.size * state.sample_time_s)
+    (line, _), frequency_hz = pair, _line_of(pair[0]).frequency_hz
+    return any(
+        abs(_frequency(state, i) - frequency_hz) < reach_hz
+        and bool(np.any((state.columns[i].shape != 0.0) & (line.shape != 0.0)))
+        for i in _pairs(state)
+    )
+
+
+def line_span(white: Floats, sample_time_s: float) -> tuple[float, int, int] | None:
+    """Frequency and samples [first, last) of the strongest line, if it comes or goes."""
+    part, frequency_hz, span = white, 0.0, None
+    for _ in range(2):  # outside its span a line's frequency is of noise
+        frequency_hz = strongest_line(part, sample_time_s)
+        span = span_at(frequency_hz, white, sample_time_s)
+        if span is None:
+            return None
+        part = np.zeros(white.size)
+        part[slice(*span)] = white[slice(*span)]
+    return (frequency_hz, *span) if span else None
+
+
+def span_at(frequency_hz: float, white: Floats, sample_time_s: float) -> tuple[int, int] | None:
+    """Samples [first, last) of a line of that frequency, if it is there for a while only.
+
+    The window in which the line's ordinate gains most, beyond the places that there are for it;
+    None where that is most of the record or a small part of it, or where the line, or one within
+    ``AROUND`` spacings, is outside it too.
+    """
+    turned = white * np.exp(-2j * np.pi * frequency_hz * sample_time_s * np.arange(white.size))
+    first, last = _window(turned)
+    if not LEAST_SPAN < (last - first) / white.size < MOST_SPAN:
+        return None
+    inside = abs(complex(turned[first:last].mean())) ** 2
+    turned[first:last] = 0.0
+    blocks = np.add.reduceat(turned, _grid(white.size)[:-1])
+    outside = np.abs(np.fft.fft(blocks, 4 * blocks.size)) ** 2 / (white.size - last + first) ** 2
+    near = np.concatenate((outside[: 4 * AROUND + 1], outside[-4 * AROUND :]))
+    return (first, last) if near.max() < ABSENT * inside else None
+
+
+def given_span(
+    state: State, found: Analysis, index: int
+) -> tuple[tuple[float, float], tuple[Column, Column]] | None:
+    """When a line of the model is there, if for a while only, and its columns for that while."""
+    n, dt = state.values.size, state.sample_time_s
+    pair = state.columns[index : index + 2]
+    shapes = np.array([column.coefficients for column in pair])
+    whole = found.coefficients + found.sizes[index : index + 2] @ shapes
+    white = np.asarray(fft.idct(whole * np.sqrt(found.inverse_psd * dt), norm="ortho"))
+    ends = span_at(_frequency(state, index), white, dt)
+    if ends is None:
+        return None
+    there = np.zeros(n)
+    there[slice(*ends)] = white[slice(*ends)]
+    frequency_hz = _refined(there, dt, _frequency(state, index) * n * dt)
+    span_s = state.start_s + ends[0] * dt, state.start_s + ends[1] * dt
+    return span_s, line_columns(frequency_hz, state, span_s)
+
+
+_ONLY = "there from {:.4g} to {:.4g} s only; a model has it all the time"
+
+
+def span_note(span_s: tuple[float, float]) -> str:
+    """What the note of a line says that is there for a while only."""
+    return _ONLY.format(*span_s)
+
+
+def has_span(note: str) -> bool:
+    """Whether a note says that a line is there for a while only."""
+    return _ONLY.rpartition("; ")[2] in note
+
+
+def _grid(count: int) -> np.ndarray:
+    return np.linspace(0, count, SPAN_BLOCKS + 1).astype(int)
+
+
+def _window(turned: Complexes) -> tuple[int, int]:
+    """The window of demodulated white samples whose sum stands out most, to the sample."""
+    n = turned.size
+    total = np.concatenate(([0.0], np.cumsum(turned)))
+
+    def net(first: np.ndarray, last: np.ndarray) -> Floats:
+        m = np.maximum(last - first, 1).astype(float)
+        places = n / np.maximum(np.minimum(m, n - m), 1.0)
+        return np.asarray(np.abs(total[last] - total[first]) ** 2 / m - np.log(places))
+
+    grid = _grid(n)
+    i, j = np.triu_indices(grid.size, 1)
+    at = int(np.argmax(net(grid[i], grid[j])))
+    first, last = int(grid[i[at]]), int(grid[j[at]])
+    block = n // SPAN_BLOCKS
+    if first > 0:
+        starts = np.arange(max(first - block, 0), min(first + block, last - 1) + 1)
+        first = int(starts[np.argmax(net(starts, np.array(last)))])
+    if last < n:
+        ends = np.arange(max(last - block, first + 1), min(last + block, n) + 1)
+        last = int(ends[np.argmax(net(np.array(first), ends))])
+    return first, last
 
 
 def strongest_line(samples: Floats, sample_time_s: float) -> float:
@@ -188,6 +307,9 @@ def _pairs(state: State) -> list[int]:
 
 
 def _frequency(state: State, index: int) -> float:
-    effect = state.columns[index].effect
-    assert isinstance(effect, Periodic)
-    return effect.frequency_hz
+    return _line_of(state.columns[index]).frequency_hz
+
+
+def _line_of(column: Column) -> Periodic:
+    assert isinstance(column.effect, Periodic)
+    return column.effect

@@ -210,7 +210,7 @@ def _with_harmonics(work: Work, line: Effect) -> Work:
     lines = sum(isinstance(c.effect, Periodic) for c in work.state.columns) // 2
     room = max(MOST_PER_CHANNEL["periodic"] - lines, 0)
     for frequency_hz, log_p in harmonics(work.state, work.found, line.frequency_hz)[:room]:
-        pair = line_columns(frequency_hz, work.state)
+        pair = line_columns(frequency_hz, work.state, work.state.columns[-1].span_s)
         after = work.analysed(replace(work.state, columns=(*work.state.columns, *pair)))
         amplitude = float(np.hypot(*after.found.sizes[-2:]))
         place = Where("spectrum", frequency_hz, frequency_hz, "Hz", z_of(log_p))

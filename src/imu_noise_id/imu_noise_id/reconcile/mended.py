@@ -16,6 +16,7 @@ from imu_noise_id.model import (
     TemperatureCourse,
 )
 from imu_noise_id.reconcile.evidence import sentence
+from imu_noise_id.reconcile.lines import span_note
 from imu_noise_id.reconcile.prior import UnseenDrift
 from imu_noise_id.reconcile.result import (
     ADD,
@@ -155,7 +156,8 @@ def _step(work: Work, draft: Draft) -> Step:
     channel = work.channel
     fitted = _estimated(work, draft)
     unseen = (draft.held_out.gap_before, draft.held_out.gap_after)
-    note = f"between {draft.effect.name} and {draft.rival}" if draft.rival else ""
+    between = f"between {draft.effect.name} and {draft.rival}" if draft.rival else ""
+    note = "; ".join(text for text in (fitted.note, between) if text)
     return Step(
         draft.action,
         replace(fitted, note=note),
@@ -163,7 +165,7 @@ def _step(work: Work, draft: Draft) -> Step:
         draft.whole[1],
         float(np.exp(max(draft.log_p, -700.0))),
         draft.held_out,
-        sentence(channel.name, channel.unit, draft.action, fitted.effect, draft.rival, unseen),
+        sentence(channel.name, channel.unit, draft.action, replace(fitted, note=note), unseen),
     )
 
 
@@ -230,12 +232,18 @@ def _same_column(a: Effect, b: Effect) -> bool:
 def _line(work: Work, draft: Draft, index: int) -> FittedEffect:
     amplitude = float(np.hypot(*work.found.sizes[index : index + 2]))
     error = float(np.mean(work.found.errors[index : index + 2]))
-    duration_s = work.state.values.size * work.state.sample_time_s
+    span_s = work.state.columns[index].span_s
+    start_s, end_s = span_s or (0.0, work.state.values.size * work.state.sample_time_s)
     # Rife and Boorstyn (1974): sd(f) = sqrt(6) sd(A)/(pi T A) with sd(A)^2 = 2 S/T
-    frequency_error = float(np.sqrt(3.0)) * error / (np.pi * duration_s * max(amplitude, 1e-300))
+    frequency_error = (
+        float(np.sqrt(3.0)) * error / (np.pi * (end_s - start_s) * max(amplitude, 1e-300))
+    )
     effect = draft.effect.replace(amplitude=amplitude)
     errors = {"frequency_hz": frequency_error, "amplitude": error}
-    return _with_errors(effect, errors, work.channel.unit)
+    fitted = _with_errors(effect, errors, work.channel.unit)
+    if span_s is None:
+        return fitted
+    return replace(fitted, note=span_note(span_s))
 
 
 def _direct_errors(work: Work, effect: Effect) -> dict[str, float]:

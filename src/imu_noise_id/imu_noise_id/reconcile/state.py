@@ -34,6 +34,8 @@ class Column:
         What the given model says of the size; infinite ``std_error`` where it is free.
     given : bool
         Whether the given model has it.
+    span_s : (float, float) or None
+        From when to when a line is there; None: all the time.
     """
 
     effect: Effect
@@ -41,6 +43,7 @@ class Column:
     size: float = 0.0
     std_error: float = np.inf
     given: bool = False
+    span_s: tuple[float, float] | None = None
 
     @cached_property
     def coefficients(self) -> Floats:

@@ -98,6 +98,8 @@ class Work:
     @property
     def local(self) -> bool:
         """Whether the model or a step is local in time, so that the odd samples are held out."""
+        if any(c.span_s is not None for c in self.state.columns):
+            return True
         given = (c.effect.name for c in self.state.columns if c.given)
         return bool(LOCAL & {*given, *(d.effect.name for d in self.drafts)})
 
@@ -129,7 +131,7 @@ def drafted(
     before: Work, after: Work, action: str, effect: Effect, finding: Finding, rival: str = ""
 ) -> Work:
     """``after`` with the step that led to it, scored."""
-    local = effect.name in LOCAL or before.local
+    local = effect.name in LOCAL or before.local or after.local
     draft = Draft(
         action,
         effect,

@@ -26,7 +26,7 @@ def burst(rng):
 def test_a_long_burst_leaves_no_slow_noise_behind():
     values = burst(np.random.default_rng(0))
     analysis = found(values, white_noise={"density": np.sqrt(DT)})
-    quiet = quieten(analysis, BURST.start, BURST.stop, RATIO)
+    quiet, _ = quieten(analysis, BURST.start, BURST.stop, RATIO)
     means = quiet.reshape(-1, BLOCK).mean(axis=1) * np.sqrt(BLOCK)
     inside = means[BURST.start // BLOCK : BURST.stop // BLOCK]
     assert 0.6 < inside.var() < 1.6  # 60 blocks, standard error 0.18
@@ -41,7 +41,7 @@ def test_what_is_slow_stays_as_it_is():
         white_noise={"density": np.sqrt(DT)},
         rate_random_walk={"coefficient": 0.05 / np.sqrt(DT)},
     )
-    off = quieten(analysis, BURST.start, BURST.stop, RATIO) - slow
+    off = quieten(analysis, BURST.start, BURST.stop, RATIO)[0] - slow
     blocks = off[BURST].reshape(-1, BLOCK).mean(axis=1)
     assert np.abs(blocks).max() < 5.0 / np.sqrt(BLOCK) * np.sqrt(RATIO)
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.model_file import typed_effect
-from imu_noise_id.reconcile import ChannelReconciliation, reconcile_recording
+from imu_noise_id.reconcile import ChannelReconciliation, Reconciliation, reconcile_recording
 from imu_noise_id.reconcile.result import Where, distinct
 from imu_noise_id.recording import Channel, Recording, unit_of
 
@@ -25,16 +27,21 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
-def reconciled(hidden: np.ndarray, seed: int) -> ChannelReconciliation:
+WHITE = typed_effect("white_noise", NAME, {"density": 1.0 / np.sqrt(RATE_HZ)})
+MODEL = NoiseModel((ChannelModel(NAME, "/imu/data", unit_of(NAME), RATE_HZ, 0.0, (WHITE,)),))
+
+
+def reconciliation(hidden: np.ndarray, seed: int, model: NoiseModel = MODEL) -> Reconciliation:
     """White noise of unit deviation, known to the model, with what is hidden in it."""
     values = np.random.default_rng([seed, 5]).standard_normal(COUNT) + hidden
     stamps = np.rint(T * 1e9).astype(np.int64)
     still = np.ones(COUNT, dtype=bool)
     channel = Channel("/imu/data", NAME, unit_of(NAME), stamps, values, still, RATE_HZ)
-    white = typed_effect("white_noise", NAME, {"density": 1.0 / np.sqrt(RATE_HZ)})
-    given = ChannelModel(NAME, "/imu/data", unit_of(NAME), RATE_HZ, 0.0, effects=(white,))
-    model = NoiseModel((given,))
-    return reconcile_recording(Recording("hidden", 0, (channel,)), model).channel(NAME)
+    return reconcile_recording(Recording("hidden", 0, (channel,)), model)
+
+
+def reconciled(hidden: np.ndarray, seed: int) -> ChannelReconciliation:
+    return reconciliation(hidden, seed).channel(NAME)
 
 
 def random_frequency(rng: np.random.Generator, mean_hz: float, spread_hz: float) -> np.ndarray:
@@ -52,6 +59,36 @@ def test_the_harmonics_of_a_square_wave_are_lines_too() -> None:
         (amplitude,) = [a for f, a in lines.items() if abs(f - 4.3 * order) < 1.0 / DURATION_S]
         assert amplitude == pytest.approx(3.2 / np.pi / order, abs=0.05)
     assert result.after.score < 1.3
+
+
+@pytest.mark.parametrize("span", [(0.5, 1.0), (0.0, 0.4), (0.3, 0.6)])
+def test_a_line_that_is_there_for_a_while_is_one_line_and_from_when_to_when(
+    span: tuple[float, float],
+) -> None:
+    from_s, to_s = (share * DURATION_S for share in span)
+    hidden = 0.4 * np.sin(2.0 * np.pi * 17.3 * T) * ((from_s <= T) & (to_s > T))
+    result = reconciliation(hidden, seed=3)
+    channel = result.channel(NAME)
+    (step,) = channel.steps
+    assert (channel.verdict, step.action, step.effect.name) == ("explained", "add", "periodic")
+    assert step.effect.effect.frequency_hz == pytest.approx(17.3, abs=0.5 / DURATION_S)
+    assert step.effect.effect.amplitude == pytest.approx(0.4, abs=0.04)
+    seen = [
+        float(number) for number in re.findall(r"from ([\d.]+) to ([\d.]+) s", step.evidence)[0]
+    ]
+    assert seen == pytest.approx((from_s, to_s), abs=4.0)
+    again = reconciliation(hidden, 3, result.model).channel(NAME)
+    assert (again.verdict, again.steps) == ("agrees", ())
+    assert again.before.score < 1.3
+
+
+def test_a_line_of_the_model_that_begins_half_way_does_not_agree_and_is_no_smaller_line() -> None:
+    line = typed_effect("periodic", NAME, {"frequency_hz": 17.3, "amplitude": 0.4})
+    model = NoiseModel((replace(MODEL.channels[0], effects=(WHITE, line)),))
+    hidden = 0.4 * np.sin(2.0 * np.pi * 17.3 * T) * (T > 0.5 * DURATION_S)
+    result = reconciliation(hidden, 4, model).channel(NAME)
+    assert (result.verdict, result.steps) == ("unexplained", ())
+    assert any(w.domain == "time" and w.z < 0.0 for w in result.after.where)
 
 
 @pytest.mark.parametrize("seed", range(3))
