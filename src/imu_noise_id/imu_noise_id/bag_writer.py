@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+import yaml
 from rosbags.typesys import Stores, get_typestore
 
 from imu_noise_id import cdr
-from imu_noise_id.cdr import Bytes
 from imu_noise_id.errors import OutputError
 from imu_noise_id.files import scratch_folder
 from imu_noise_id.geodesy import curvature_radii
+from imu_noise_id.mcap_writer import TopicBytes, write_mcap
 from imu_noise_id.recording import Channel, Floats, Recording, Stamps
 
 ORIGIN_DEG = (45.0, 7.0)
@@ -35,22 +34,11 @@ _TYPES = {
 _FRAMES = {cdr.NAV_SAT_FIX: "gps", cdr.TWIST: "enu"}
 
 
-@dataclass(frozen=True)
-class TopicBytes:
-    """The messages of a topic, serialised.
+class _Dumper(yaml.SafeDumper):
+    """Writes a mapping out each time that it comes: rosbag2 need not know YAML's anchors."""
 
-    Attributes
-    ----------
-    topic, type : str
-    log_ns : (n,) int64
-        Times of reception.
-    messages : (n, size) uint8, or sequence of n bytes
-    """
-
-    topic: str
-    type: str
-    log_ns: Stamps
-    messages: Bytes | Sequence[bytes]
+    def ignore_aliases(self, data: object) -> bool:
+        return True
 
 
 def write_bag(path: str | Path, topics: Sequence[TopicBytes], compressed: bool = True) -> None:
@@ -145,21 +133,56 @@ def _members(msgtype: str, columns: dict[str, Floats]) -> dict[str, Floats | flo
 
 
 def _write(path: Path, topics: Sequence[TopicBytes], compressed: bool) -> None:
-    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
-    if compressed:
-        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    path.mkdir()
     store = _typestore()
-    with writer:
-        connections = [writer.add_connection(t.topic, t.type, typestore=store) for t in topics]
-        times = np.concatenate([t.log_ns for t in topics] or [np.empty(0, np.int64)])
-        origin = np.repeat(np.arange(len(topics)), [t.log_ns.size for t in topics])
-        within = np.concatenate([np.arange(t.log_ns.size) for t in topics] or [times])
-        order = np.argsort(times, kind="stable")
-        rows = [t.messages for t in topics]
-        for time, k, row in zip(
-            times[order].tolist(), origin[order].tolist(), within[order].tolist(), strict=True
-        ):
-            writer.write(connections[k], time, bytes(rows[k][row]))
+    definitions = {t.type: store.generate_msgdef(t.type, ros_version=2)[0] for t in topics}
+    information = _information(path, topics)
+    with (path / f"{path.name}.mcap").open("wb") as file:
+        write_mcap(file, topics, definitions, _yaml(information).strip(), compressed)
+    (path / "metadata.yaml").write_text(_yaml({"rosbag2_bagfile_information": information}))
+
+
+def _information(path: Path, topics: Sequence[TopicBytes]) -> dict[str, object]:
+    """What rosbag2 (its version 9) says of a bag."""
+    store, counts = _typestore(), [t.log_ns.size for t in topics]
+    filled = [t.log_ns for t in topics if t.log_ns.size]
+    first = min((int(t.min()) for t in filled), default=2**63 - 1)
+    last = max((int(t.max()) for t in filled), default=first)
+    extent = {
+        "starting_time": {"nanoseconds_since_epoch": first},
+        "duration": {"nanoseconds": last - first},
+        "message_count": sum(counts),
+    }
+    described = [
+        {
+            "topic_metadata": {
+                "name": t.topic,
+                "type": t.type,
+                "serialization_format": "cdr",
+                "offered_qos_profiles": [],
+                "type_description_hash": store.hash_rihs01(t.type),
+            },
+            "message_count": count,
+        }
+        for t, count in zip(topics, counts, strict=True)
+    ]
+    name = f"{path.name}.mcap"
+    return {
+        "version": 9,
+        "storage_identifier": "mcap",
+        "relative_file_paths": [name],
+        **extent,
+        "topics_with_message_count": described,
+        "compression_format": "",
+        "compression_mode": "",
+        "files": [{"path": name, **extent}],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
+
+
+def _yaml(tree: dict[str, object]) -> str:
+    return yaml.dump(tree, Dumper=_Dumper, sort_keys=False, width=1000)
 
 
 def _move(draft: Path, target: Path) -> None:
@@ -174,3 +197,6 @@ def _move(draft: Path, target: Path) -> None:
 @cache
 def _typestore():  # type: ignore[no-untyped-def]  # rosbags' Typestore is not exported
     return get_typestore(Stores.ROS2_JAZZY)
+
+
+__all__ = ["TopicBytes", "write_bag", "write_recording"]

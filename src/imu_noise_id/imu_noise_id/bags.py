@@ -16,13 +16,11 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, TypeVar
+from typing import BinaryIO
 
 import numpy as np
 
@@ -42,13 +40,11 @@ from imu_noise_id.mcap_file import (
     Span,
 )
 from imu_noise_id.recording import Recording, Stamps
+from imu_noise_id.threads import cores, ordered_map
 from imu_noise_id.topics import TopicInfo, TopicNames, choose_topics, listing
 
 _MESSAGE_LIMIT = 64 << 10
 _MARGIN_S = 5.0
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 
 def read_recording(
@@ -99,7 +95,7 @@ def read_topics(
             raise InputError("; ".join(damage))
         chosen = choose_topics(found, names, str(path))
         wanted = {info.name: info for info in chosen.values()}
-        columns, notes = _read_wanted(sources, wanted, last_s, threads or _cores())
+        columns, notes = _read_wanted(sources, wanted, last_s, threads or cores())
     for column in columns:
         if not column.stamp_ns.size:
             notes = (*notes, _nothing_read(column))
@@ -119,10 +115,6 @@ def _nothing_read(column: TopicColumns) -> str:
     if column.invalid:
         return f"none of the {column.invalid} messages of topic {column.topic} is a {kind}"
     return f"topic {column.topic} holds no message that can be read; record it again"
-
-
-def _cores() -> int:
-    return max(1, min(4, len(os.sched_getaffinity(0))))
 
 
 def _read_wanted(
@@ -380,21 +372,6 @@ def _unpacked(message: bytes, compression: str) -> bytes:
         return mcap_file.decompress(message, compression, _MESSAGE_LIMIT)
     except DamagedError:
         return b""
-
-
-def ordered_map(work: Callable[[T], R], items: Sequence[T], threads: int) -> Iterator[R]:
-    """``map`` on threads, results in order, never more than two items a thread in memory."""
-    if threads == 1 or len(items) < 2:
-        yield from map(work, items)
-        return
-    with ThreadPoolExecutor(threads) as pool:
-        pending: deque[Future[R]] = deque()
-        for item in items:
-            pending.append(pool.submit(work, item))
-            if len(pending) > 2 * threads:
-                yield pending.popleft().result()
-        while pending:
-            yield pending.popleft().result()
 
 
 __all__ = ["list_topics", "listing", "read_recording", "read_topics", "write_recording"]

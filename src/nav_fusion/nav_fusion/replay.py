@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import BinaryIO
 
 from imu_noise_id.bag_files import SQLITE_MAGIC, BagFiles, open_bag_files
-from imu_noise_id.bags import list_topics, ordered_map
+from imu_noise_id.bags import list_topics
 from imu_noise_id.errors import InputError
 from imu_noise_id.mcap_file import DamagedError, Span
+from imu_noise_id.threads import ordered_map
 from imu_noise_id.topics import TopicInfo, listing
 
 from imu_noise_id import mcap_file, sqlite_file

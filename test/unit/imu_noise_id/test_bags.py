@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 from imu_noise_id.bag_writer import write_bag
-from imu_noise_id.bags import list_topics, ordered_map, read_recording, read_topics
+from imu_noise_id.bags import list_topics, read_recording, read_topics
 from imu_noise_id.errors import InputError
 from imu_noise_id.topics import TopicNames
 from rosbags.highlevel import AnyReader
@@ -270,8 +270,3 @@ def test_the_last_zero_seconds_are_a_mistake(tmp_path, rng):
     write_bag(tmp_path / "bag", [make.still_imu(rng, 10)])
     with pytest.raises(InputError, match="positive number"):
         read_topics(tmp_path / "bag", last_s=0.0)
-
-
-@pytest.mark.parametrize("threads", [1, 3])
-def test_ordered_map_keeps_the_order(threads):
-    assert list(ordered_map(lambda x: x * x, range(50), threads)) == [x * x for x in range(50)]
