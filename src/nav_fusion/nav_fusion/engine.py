@@ -454,17 +454,18 @@ class Engine:
         if ahead:
             self._reject(f"fixes more than {AHEAD_S:g} s ahead of the IMU's clock", ahead)
         rows = Rows(self._out_ns[:count].copy(), self._out[:count].copy())
-        return joined([rows, self._align_again(head)])
+        return joined([rows, self._align_again(head)]) if self._lost() else rows
+
+    def _lost(self) -> bool:
+        return self._core is not None and bool(self._core.cursor[arrays.LOST_NS] != 0)
 
     def _align_again(self, head: int) -> Rows:
-        """Begin from nothing behind the fix at which the filter was found lost, if it was.
+        """Begin from nothing behind the fix at which the filter was found lost.
 
         With the ``head`` samples fed so far and the measurements, as if none had come before.
         """
         assert self._core is not None
         lost_ns = int(self._core.cursor[arrays.LOST_NS])
-        if lost_ns == 0:
-            return _no_rows()
         self.counts.restarts += 1
         self._note(
             "the filter was lost: it kept out fixes without a break soon after it had begun, and "
@@ -491,7 +492,8 @@ class Engine:
             self.make_room()
         head = int(self._core.cursor[arrays.SAMPLES])
         outcome = core.insert(self._core, measurement.time_ns, measurement.kind, measurement.z)
-        self._align_again(head)
+        if self._lost():
+            self._align_again(head)
         if not is_fix:
             return
         if outcome == core.LATE:

@@ -173,19 +173,18 @@ def run(
         for k, c in enumerate(aids)
         for i, (until, log_ns) in enumerate(_arrivals(arrived, c.log_ns))
     )
-    rate, force = inertial(imu.values)
     parts: list[Rows] = []
     begin, told = 0, 0
     for until, _, k, i in events:
         if until > begin:
             block = slice(begin, until)
-            parts.append(engine.add_imu(imu.stamp_ns[block], rate[block], force[block]))
+            parts.append(engine.add_imu(imu.stamp_ns[block], *inertial(imu.values[:, block])))
             begin = until
             while told < (STEPS - 1) * begin // imu.stamp_ns.size:
                 done("fusing")
                 told += 1
         add[k](i)
-    parts.append(engine.add_imu(imu.stamp_ns[begin:], rate[begin:], force[begin:]))
+    parts.append(engine.add_imu(imu.stamp_ns[begin:], *inertial(imu.values[:, begin:])))
     for _ in range(told, STEPS - 1):
         done("fused")
     return joined(parts)

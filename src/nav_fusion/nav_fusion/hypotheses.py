@@ -153,28 +153,34 @@ def has_followers(core: Core) -> bool:
 
 
 @njit(cache=True)
-def lead(core: Core, a: Floats, b: Floats, x0: float, x1: float, dt: float) -> None:
-    """Take the heaviest hypothesis over a part of an interval, and gather it for the others.
+def lead(d: Floats, s: Floats, a: Floats, b: Floats, x0: float, x1: float, dt: float) -> bool:
+    """Take the heaviest hypothesis, ``s``, over a part of an interval; gather it for the others.
 
-    What is gathered, of readings less the heaviest's biases, in the axes at the beginning: the turn
-    and, with what has turned so far (sculling), by how much the specific force has changed the
-    velocity, and moved the place by that.
+    Returns whether covariances are due.  Not given the core: a call's price is its arrays.
     """
-    d, s = core.shared, core.bank[heaviest(core)]
-    x = 0.5 * (x0 + x1)
-    w, f = at_part(a, b, 0, x, s, BIAS), at_part(a, b, 3, x, s, BIAS + 3)
-    turn, change, shift = lag_views(d)
-    middle = (turn[0] + 0.5 * dt * w[0], turn[1] + 0.5 * dt * w[1], turn[2] + 0.5 * dt * w[2])
-    across = cross(middle, f)
-    for i in range(3):
-        more = dt * (f[i] + across[i])
-        shift[i] += dt * (change[i] + 0.5 * more)
-        change[i] += more
-        turn[i] += dt * w[i]
-    d[LAG] += dt
+    gather(d, s, a, b, 0.5 * (x0 + x1), dt)
     glide(s, a, b, x0, x1, dt)
-    if s[ELAPSED] + 0.5 * dt >= RESTING_STEP_S:
-        settle_all(core)
+    return bool(s[ELAPSED] + 0.5 * dt >= RESTING_STEP_S)
+
+
+@njit(cache=True)
+def gather(d: Floats, s: Floats, a: Floats, b: Floats, x: float, dt: float) -> None:
+    """Sum for those that lag, of readings less the heaviest's biases, in the axes at the beginning.
+
+    The turn and, with what has turned so far (sculling), by how much the specific force has changed
+    the velocity, and moved the place by that.
+    """
+    w, f, half = at_part(a, b, 0, x, s, BIAS), at_part(a, b, 3, x, s, BIAS + 3), 0.5 * dt
+    t, v, r = LAG_TURN, LAG_TURN + 3, LAG_TURN + 6
+    middle = (d[t] + half * w[0], d[t + 1] + half * w[1], d[t + 2] + half * w[2])
+    across = cross(middle, f)
+    more = (dt * (f[0] + across[0]), dt * (f[1] + across[1]), dt * (f[2] + across[2]))
+    d[r] += dt * (d[v] + 0.5 * more[0])
+    d[r + 1] += dt * (d[v + 1] + 0.5 * more[1])
+    d[r + 2] += dt * (d[v + 2] + 0.5 * more[2])
+    d[v], d[v + 1], d[v + 2] = d[v] + more[0], d[v + 1] + more[1], d[v + 2] + more[2]
+    d[t], d[t + 1], d[t + 2] = d[t] + dt * w[0], d[t + 1] + dt * w[1], d[t + 2] + dt * w[2]
+    d[LAG] += dt
 
 
 @njit(cache=True)
@@ -235,7 +241,9 @@ def propagate(core: Core, sample: int, from_ns: int, to_ns: int) -> None:
     k = core.constants
     gap = whole > core.cursor[GAP]
     if has_followers(core) and not gap:
-        lead(core, core.imu[a], core.imu[b], x0, x1, dt)
+        s = core.bank[heaviest(core)]
+        if lead(core.shared, s, core.imu[a], core.imu[b], x0, x1, dt):
+            settle_all(core)
         return
     catch_up(core)
     longest = covariance_step(core)
@@ -260,10 +268,12 @@ def glide_over(core: Core, first: int, last: int) -> None:
     The same as :func:`propagate` interval by interval where nothing happens at any of them.
     """
     if has_followers(core):
+        s = core.bank[heaviest(core)]
         for sample in range(first, last):
             a, b = (sample - 1) % IMU_RING, sample % IMU_RING
             dt = float(core.imu_ns[b] - core.imu_ns[a]) * 1e-9
-            lead(core, core.imu[a], core.imu[b], 0.0, 1.0, dt)
+            if lead(core.shared, s, core.imu[a], core.imu[b], 0.0, 1.0, dt):
+                settle_all(core)
         return
     longest = covariance_step(core)
     for h in range(core.bank.shape[0]):
