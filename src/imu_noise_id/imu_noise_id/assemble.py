@@ -9,6 +9,7 @@ import numpy as np
 
 from imu_noise_id import cdr
 from imu_noise_id.cdr import LAYOUTS
+from imu_noise_id.clock_ticks import evened
 from imu_noise_id.columns import TopicColumns
 from imu_noise_id.errors import InputError
 from imu_noise_id.geodesy import enu_about_mean
@@ -101,12 +102,14 @@ def to_recording(
 
 
 def _timing(columns: TopicColumns) -> Timing:
-    """Stamps in order; samples of one batch get stamps of their own first."""
+    """Stamps in order; those of a coarse clock or of a batch are spread evenly first."""
     stamp_ns = columns.stamp_ns
-    if not (stamp_ns[1:] == stamp_ns[:-1]).any():
-        return examine(stamp_ns, columns.log_ns)
-    changes = (columns.values[:, 1:] != columns.values[:, :-1]).any(axis=0)
-    spread, notes = spread_batches(stamp_ns, np.concatenate(([True], changes)))
+    fresh = np.ones(stamp_ns.size, dtype=bool)
+    if shared := (stamp_ns[1:] == stamp_ns[:-1]).any():
+        fresh[1:] = (columns.values[:, 1:] != columns.values[:, :-1]).any(axis=0)
+    spread, notes = evened(stamp_ns, fresh)
+    if shared and not notes:
+        spread, notes = spread_batches(stamp_ns, fresh)
     timing = examine(spread, columns.log_ns)
     return replace(timing, notes=(*notes, *timing.notes))
 

@@ -21,8 +21,8 @@ _SETTLED = 20
 _LEAST_COHERENCE = 4.0
 """Times n^-1/2, what n stamps without a clock have; e^-16 of those have more."""
 _STRETCHES = 4
-_SEARCHED = 0.15
-"""Relative; a first guess of the period is not further off."""
+_SEARCHED = (-0.15, 0.15)
+"""Relative frequencies; a first guess of the period is not further off."""
 _STALL = 2.5
 """Periods off its cell; more is no jitter but a sender that stalled."""
 _WINDOW = 1024
@@ -67,15 +67,19 @@ def whole_jumps(phase: Floats) -> NDArray[np.int64]:
     return jumps
 
 
-def clock_period(stamp_ns: Stamps, guess_ns: float) -> float | None:
+def clock_period(
+    stamp_ns: Stamps, guess_ns: float, searched: tuple[float, float] = _SEARCHED
+) -> float | None:
     """Period of the clock that the stamps keep, whatever is lost; None where they keep none.
 
     The highest point of the stamps' own spectrum, summed over some stretches of the recording,
-    within 15 % of the guess; then the slope of all stamps over the cells counted with it.
+    within 15 % of the guess or what is to be ``searched``, in relative frequencies; then the slope
+    of all stamps over the cells counted with it.
     """
     size = min(_WINDOW, stamp_ns.size)
     first = np.unique(np.linspace(0, stamp_ns.size - size, _STRETCHES).astype(np.int64))
-    frequency = np.linspace(1.0 - _SEARCHED, 1.0 + _SEARCHED, int(8 * _SEARCHED * size) + 1)
+    low, high = searched
+    frequency = np.linspace(1.0 + low, 1.0 + high, int(4 * (high - low) * size) + 1)
     power = np.zeros(frequency.size)
     for begin in first.tolist():
         part = stamp_ns[begin : begin + size]

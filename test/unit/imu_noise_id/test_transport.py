@@ -50,3 +50,14 @@ def test_samples_read_in_batches_are_all_used(columns):
     assert channel.values.size == COUNT
     assert channel.rate_hz == pytest.approx(200.0)
     assert any("share one stamp, 10 at a time" in note for note in channel.quality.notes)
+
+
+@pytest.mark.parametrize("tick_ns", [4_000_000, 8_000_000])
+def test_stamps_of_a_coarse_clock_are_neither_dropouts_nor_jitter(columns, tick_ns):
+    ticks = dataclasses.replace(columns, stamp_ns=columns.stamp_ns // tick_ns * tick_ns)
+    group = to_recording([ticks], "test").channels
+    assert find_transport(group).effects == ()
+    assert group[0].values.size == COUNT
+    assert group[0].rate_hz == pytest.approx(200.0, rel=1e-5)
+    assert group[0].quality.missing == 0
+    assert any("ticks" in note for note in group[0].quality.notes)
