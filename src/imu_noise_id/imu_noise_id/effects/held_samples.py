@@ -13,6 +13,10 @@ from imu_noise_id.recording import Floats
 
 REGULAR = 1.2
 """Messages by which a run may differ from the factor."""
+CLOSER = 4
+"""Times that the factor and the repeats of rounding are found from one another."""
+TOGETHER, APART = 32, 8.0
+"""Fewest runs whose sum is looked at, and the variance that it shall have by chance."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,8 @@ def held_factor(values: list[Floats]) -> float:
 
     A message is held where every channel repeats its value.  With c the fraction of repeats that
     rounding alone explains, and r the fraction seen, the factor is (1 - c)/(1 - r).  The runs of
-    equal values must be as long as the factor, give or take one.
+    equal values must be as long as the factor, give or take one, and keep time: a slow course that
+    is rounded repeats too, now often and now seldom.
 
     Parameters
     ----------
@@ -73,15 +78,37 @@ def held_factor(values: list[Floats]) -> float:
     fresh = np.flatnonzero(np.any([fresh_samples(v) for v in moving], axis=0))
     if fresh.size < 8:
         return 1.0
-    lone = 1.0 - chance_repeats(moving)
     runs = np.diff(fresh)
-    factor = max(float(runs.mean()) * lone, 1.0)
+    lone, factor = 1.0, float(runs.mean())
+    for _ in range(CLOSER):  # a slow course repeats more often soon than late
+        lone = 1.0 - chance_repeats(moving, int(np.ceil(0.95 * factor)))
+        factor = max(float(runs.mean()) * lone, 1.0)
     if np.mean(np.abs(runs - factor) < REGULAR) < 0.9 * lone**2:
         return 1.0  # repeats that come and go are no hold: interpolation, say
+    if not _keeps_time(runs, factor, lone):
+        return 1.0
     return float(round(factor)) if abs(factor / round(factor) - 1.0) < 0.02 else factor
 
 
-def chance_repeats(values: list[Floats]) -> float:
-    """Fraction of samples equal in every channel to one far away: what rounding alone repeats."""
-    same = [np.all([v[far:] == v[:-far] for v in values], axis=0) for far in (17, 31, 53)]
+def _keeps_time(runs: NDArray[np.int64], factor: float, lone: float) -> bool:
+    """Whether the sums of many runs vary as a hold's do, rather than as those of chance repeats.
+
+    A hold is never more than a message off its time, but for the c = 1 - ``lone`` of its samples
+    that rounding hides: m runs have the variance m factor^2 c/(1 - c)^2 of geometric numbers and
+    some of the one message.  Repeats at random have m r/(1 - r)^2.
+    """
+    mean = float(runs.mean())
+    each = mean * (mean - 1.0)  # r = 1 - 1/mean
+    many = min(int(max(TOGETHER, APART / max(each, 1e-9))), runs.size // 8)
+    if many < 2:
+        return True
+    seen = float(np.var(runs[: runs.size // many * many].reshape(-1, many).sum(axis=1)))
+    hold = many * factor**2 * (1.0 - lone) / lone**2 + 1.0
+    return seen < 0.5 * (hold + many * each)
+
+
+def chance_repeats(values: list[Floats], apart: int) -> float:
+    """Fraction of samples equal in every channel to one that is no hold away: by rounding alone."""
+    apart = min(apart, values[0].size - 2)
+    same = [np.all([v[far:] == v[:-far] for v in values], axis=0) for far in (apart, apart + 1)]
     return float(np.mean([np.mean(s) for s in same]))

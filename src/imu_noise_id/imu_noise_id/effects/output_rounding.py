@@ -13,6 +13,8 @@ from imu_noise_id.recording import Floats
 FINEST = 0.01
 """Smallest step, in standard deviations of the samples, that is worth a name: it adds 8e-6 of the
 variance."""
+SAME = 1e-4
+"""Part of that step within which two values are one: conversions of units and frames leave such."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +68,10 @@ def rounding_step(values: Floats) -> float | None:
     spread = float(np.subtract(*np.percentile(values, [84.0, 16.0]))) / 2.0
     distinct = np.unique(values)
     scale = max(spread, float(np.std(np.diff(values))) / np.sqrt(2.0))
-    digits = 1e-9 * max(scale, float(np.abs(distinct).max()) * 1e-3)
+    digits = max(1e-9 * float(np.abs(distinct).max()) * 1e-3, SAME * FINEST * scale)
     gaps = np.diff(distinct)
     gaps = gaps[gaps > digits]
-    if gaps.size == 0 or distinct.size > 0.999 * values.size:
+    if gaps.size == 0 or gaps.size + 1 > 0.999 * values.size:
         return None  # constant, or hardly a value comes twice
     floor = max(FINEST * scale, digits)
     for quantile in (0.0, 0.02, 0.1, 0.3, 0.5):

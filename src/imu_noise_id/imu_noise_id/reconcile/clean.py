@@ -41,6 +41,13 @@ from imu_noise_id.recording import Channel, Floats, Recording
 from imu_noise_id.series import Series, to_series
 
 COARSE = 0.8
+MOVED = 0.645
+"""Root mean square of a rounded record's differences, in steps, from which on its errors are white:
+then the course itself moves by half a step, and they are correlated by exp(-2 pi^2/4)."""
+STAIRS = frozenset(
+    {"kurtosis", "skewness", "extreme", "burst", "patch", "levels", "modulation", "line"}
+)
+"""Statistics of what stands still for a while and jumps, under any spectrum."""
 SHORTEST = 256
 STRETCHES = 32
 CLUSTERED_LOG_P = -9.0
@@ -167,6 +174,8 @@ def _settle(
     effects = {f.name: f.effect for f in model.effects}
     comb, step = rounding_change(raw, effects.get("output_rounding"))
     clipped, _ = saturation_change(raw, effects.get("saturation"), rng)
+    if step and white_stride(raw, step) != 1:
+        clipped = None  # a stair at the top is as long as the course stays there
     pending = [*changes, *(c for c in (clipped, comb) if c)]
     work = replace(work, unmet=tuple(_finding(c) for c in pending))
     for change in pending:
@@ -177,17 +186,54 @@ def _settle(
             null = load_null(state.values.size, state.sample_time_s)
             after = replace(after, hold=factor, null=null).analysed(state)
         elif change.effect.name == "output_rounding":
-            floor = OutputRounding(step).added_psd(work.state.sample_time_s) if step else 0.0
-            rounded = replace(work.state, floor=floor + work.state.dither)
-            after = after.analysed(rounded)
-            after = replace(after, skip=work.skip | _coarse(after.state))
+            after = _rounded(after, step, whole, recording, picked, rng)
         elif change.effect.name == "saturation":
             after = _unclip(after, change.effect, rng)
         work = drafted(work, after, change.action, change.effect, _finding(change))
+    if step and not comb:
+        work = _rounded(work, step, whole, recording, picked, rng)
     if not clipped and effects.get("saturation"):
         work = _unclip(work, effects["saturation"], rng)
     work = _given_lines(_given_burst(work))
     return answer_hits(work, rng)
+
+
+def _rounded(
+    work: Work,
+    step: float,
+    whole: Series,
+    recording: Recording,
+    picked: np.ndarray,
+    rng: np.random.Generator,
+) -> Work:
+    """With the noise of rounding, on samples so far apart that it is white.
+
+    Sripad and Snyder (1977): errors of rounding a course that moves by d between two samples are
+    correlated by exp(-2 pi^2 E[d^2]/step^2).  A course that is slow on the scale of the step leaves
+    stairs, which no spectrum of white errors fits.
+    """
+    index = picked if work.hold > 1.0 else np.arange(whole.values.size)
+    stride = white_stride(whole.values[index], step)
+    if stride != 1:
+        work = replace(work, skip=work.skip | STAIRS)
+    if stride > 1:
+        hold = work.hold * stride
+        state = _state(work.model, whole, recording, index[::stride], hold, rng)
+        null = load_null(state.values.size, state.sample_time_s)
+        work = replace(work, hold=hold, null=null).analysed(state)
+    floor = OutputRounding(step).added_psd(work.state.sample_time_s) if step else 0.0
+    work = work.analysed(replace(work.state, floor=floor + work.state.dither))
+    return replace(work, skip=work.skip | _coarse(work.state))
+
+
+def white_stride(values: Floats, step: float) -> int:
+    """Samples after which a rounded record has moved enough for white errors; 0 if it never has."""
+    stride = 1
+    while values.size // stride >= SHORTEST:
+        if float(np.mean((values[stride:] - values[:-stride]) ** 2)) >= (MOVED * step) ** 2:
+            return stride
+        stride += max(stride // 4, 1)
+    return 0
 
 
 def _unclip(work: Work, given: Effect, rng: np.random.Generator) -> Work:

@@ -42,6 +42,8 @@ PREFERENCE = 1.5
 DRIFTS = (*SLOW, "temperature", "rate_ramp", "bias_step")
 TELEGRAPH_BLOCKS = 1500
 COLOURED_LOG_P = -9.0
+DISTINCTLY = 5.0
+"""Nats by which one band must tell a window better than all of its noise: two names fit below."""
 SAME_STEP_S, SAME_STEP = 1.0, 0.02
 MOST_PER_CHANNEL = {"gauss_markov": 3, "narrow_band": 8, "periodic": 12, "bias_step": 6}
 
@@ -82,19 +84,21 @@ class Candidate:
         return self.effect.name if self.action == ADD else f"{self.action} of {self.effect.name}"
 
 
-def candidates(state: State, found: Analysis) -> list[Candidate]:
-    """Every candidate with a positive gain, best first."""
+def candidates(
+    state: State, found: Analysis, skip: frozenset[str] = frozenset()
+) -> list[Candidate]:
+    """Every candidate with a positive gain, best first; none that statistics to ``skip`` show."""
     out = [
         *_sources(state, found),
         *_responses(state, found),
         *_lines(state, found),
         *_courses(state, found),
-        *_bursts(state, found),
+        *([] if "burst" in skip else _bursts(state, found)),
         *_refits(state, found),
         *_removals(state, found),
     ]
     slow = [c for c in out if c.effect.name == "gauss_markov" and c.action == ADD and c.gain > 3.0]
-    for candidate in slow[:1]:
+    for candidate in slow[:1] if "levels" not in skip else []:
         out += _telegraph(state, found, candidate)
     return sorted((c for c in out if c.gain > 0.0), key=lambda c: -c.net - _preference(c))
 
@@ -311,7 +315,7 @@ def _bursts(state: State, found: Analysis) -> list[Candidate]:
         return []
     first, last = _sharpen(white, first, last, white.size // BURST_BLOCKS)
     whole, band = band_gain(white, first, last)
-    if band > whole:
+    if band > whole + DISTINCTLY:
         return []  # one band comes or goes, and the noise is what it was
     windows = [(first, last), other_side(first, last, white.size)]
     out = [_burst(state, found, *window) for window in windows if window is not None]

@@ -190,7 +190,7 @@ def explain(work: Work, log_level: float) -> Work:
         current, findings = trail[-1]
         if findings.log_p > log_level:
             break
-        pick = _choose(candidates(current.state, current.found))
+        pick = _choose(candidates(current.state, current.found, current.skip))
         if pick is None:
             break
         best, rival = pick

@@ -21,7 +21,7 @@ from scipy.special import log_ndtr, ndtri
 from imu_noise_id.reconcile.battery import NAMES, battery, white_record
 from imu_noise_id.recording import Floats
 
-VERSION = 8
+VERSION = 9
 SIMULATIONS = 900
 TAIL_FROM = 0.90
 EXCESS_NATS = {

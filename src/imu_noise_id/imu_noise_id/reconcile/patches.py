@@ -15,7 +15,9 @@ from scipy import fft
 
 from imu_noise_id.recording import Floats
 
-STRETCHES = 16
+MOST_STRETCHES = 16
+LEAST_STRETCH = 32
+"""Samples of a stretch where there are fewer stretches."""
 BINS = 128
 LEAST_ORDINATES = 4
 """Ordinates of a stretch in a bin."""
@@ -67,19 +69,20 @@ def loudest_patch(white: Floats, sample_time_s: float) -> Patch:
     taken outside which the power is nearer to 1.
     """
     n = white.size
-    size = n // STRETCHES
-    parts = white[: STRETCHES * size].reshape(STRETCHES, size)
+    stretches = max(min(MOST_STRETCHES, n // LEAST_STRETCH), 2)
+    size = n // stretches
+    parts = white[: stretches * size].reshape(stretches, size)
     power, dof, edges = _binned(parts)
-    total = np.zeros((STRETCHES + 1, power.shape[1]))
+    total = np.zeros((stretches + 1, power.shape[1]))
     total[1:] = np.cumsum(power, axis=0)
-    i, j = _windows()
+    i, j = _windows(stretches)
     span = (j - i)[:, None].astype(float)
-    rarity = STRETCHES / np.minimum(span, STRETCHES - span)
+    rarity = stretches / np.minimum(span, stretches - span)
     best: Patch | None = None
     for width, sums, many in _bands(total, dof):
         inside = sums[j] - sums[i]
         outside = sums[-1] - inside
-        dof_in, dof_out = span * many, (STRETCHES - span) * many
+        dof_in, dof_out = span * many, (stretches - span) * many
         nats = contrast(inside, outside, dof_in, dof_out)
         places = rarity * (power.shape[1] / width)
         at = np.unravel_index(int(np.argmax(nats - np.log(places))), nats.shape)
@@ -87,7 +90,7 @@ def loudest_patch(white: Floats, sample_time_s: float) -> Patch:
             continue
         row, column = int(at[0]), int(at[1])
         p = float(inside[at] / dof_in[row, column]), float(outside[at] / dof_out[row, column])
-        bounds = int(i[row]) * size, int(j[row]) * size if j[row] < STRETCHES else n
+        bounds = int(i[row]) * size, int(j[row]) * size if j[row] < stretches else n
         if bounds[0] == 0 and abs(np.log(p[0] + 1e-300)) < abs(np.log(p[1] + 1e-300)):
             bounds, p = (bounds[1], n), p[::-1]
         low, high = edges[[column, column + width]] / (size * sample_time_s)
@@ -106,11 +109,14 @@ def band_gain(white: Floats, first: int, last: int) -> tuple[float, float]:
     """
     inside = white[None, first:last]
     outside = np.concatenate((white[:first], white[last:]))[None, :]
+    energy = float(np.sum(inside**2)), float(np.sum(outside**2))
+    whole = contrast(*map(np.array, (*energy, inside.size, outside.size)))
+    if min(inside.size, outside.size) < LEAST_STRETCH:
+        return float(whole), 0.0
     bins = min(_bin_count(inside.size), _bin_count(outside.size))
     p, dof_in, _ = _binned(inside, bins)
     q, dof_out, _ = _binned(outside, bins)
     both = np.vstack((p, q))
-    whole = contrast(p.sum(), q.sum(), dof_in.sum(), dof_out.sum())
     best = 0.0
     for (width, sums, many_in), (_, _, many_out) in zip(
         _bands(both, dof_in), _bands(both, dof_out), strict=True
@@ -137,10 +143,10 @@ def _binned(parts: Floats, bins: int = 0) -> tuple[Floats, Floats, np.ndarray]:
     return np.add.reduceat(power, edges[:-1] - 1, axis=1), 2.0 * np.diff(edges), edges
 
 
-def _windows() -> tuple[np.ndarray, np.ndarray]:
+def _windows(stretches: int) -> tuple[np.ndarray, np.ndarray]:
     """Stretches [i, j) of a record, of each that ends with the record only its complement."""
-    i, j = np.triu_indices(STRETCHES + 1, 1)
-    return i[j < STRETCHES], j[j < STRETCHES]
+    i, j = np.triu_indices(stretches + 1, 1)
+    return i[j < stretches], j[j < stretches]
 
 
 def _bands(sums: Floats, dof: Floats) -> Iterator[tuple[int, Floats, Floats]]:

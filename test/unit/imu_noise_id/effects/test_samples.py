@@ -120,3 +120,31 @@ def test_correlations_that_no_channels_can_have_are_replaced_by_near_ones() -> N
     impossible = np.array([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]])
     drives = joint_drives(impossible, N, np.random.default_rng(3))
     np.testing.assert_allclose(drives.var(axis=1), 1.0, atol=0.05)
+
+
+def wander(seed: int) -> list[np.ndarray]:
+    """Three positions at 5 Hz: white noise of centimetres on courses of decimetres in minutes."""
+    rng = np.random.default_rng(seed)
+    steps = rng.standard_normal((3, 18_000)) * 0.02
+    keep = np.exp(-np.arange(1_500) / 150.0)
+    slow = [np.convolve(s, keep)[: s.size] for s in steps]
+    return [s + w for s, w in zip(slow, 0.012 * rng.standard_normal((3, 18_000)), strict=True)]
+
+
+@pytest.mark.parametrize("step", [0.02, 0.05, 0.1, 0.2])
+def test_a_slow_course_that_is_rounded_is_no_hold(step: float) -> None:
+    for seed in range(3):
+        assert held_factor([step * np.rint(v / step) for v in wander(seed)]) == 1.0
+
+
+@pytest.mark.parametrize("factor", [2, 3, 5])
+def test_a_slow_course_that_is_rounded_and_held_gives_back_the_factor(factor: int) -> None:
+    index = np.arange(18_000) // factor * factor
+    assert held_factor([0.03 * np.rint(v[index] / 0.03) for v in wander(4)]) == factor
+
+
+def test_a_comb_is_seen_through_the_conversion_of_a_frame() -> None:
+    east, north = (0.05 * np.rint(v / 0.05) for v in wander(5)[:2])
+    turned = (east + 1e-8 * north + 4.5e6) - 4.5e6  # another axis' nanometres, lost digits
+    assert np.unique(turned).size > 2 * np.unique(east).size
+    assert rounding_step(turned) == pytest.approx(0.05, rel=1e-6)

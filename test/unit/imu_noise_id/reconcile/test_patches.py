@@ -55,3 +55,18 @@ def test_the_side_outside_which_the_power_is_the_models_is_taken():
     assert (early.first, late.last) == (0, COUNT)
     assert early.ratio > 1.0
     assert late.ratio > 1.0
+
+
+def test_a_record_of_a_few_samples_has_a_patch():
+    for count in (12, 32, 65, 300):
+        patch = loudest_patch(np.random.default_rng(count).standard_normal(count), DT)
+        assert np.isfinite(patch.net)
+        assert 0 <= patch.first < patch.last <= count
+
+
+def test_a_window_of_a_few_samples_has_no_bands():
+    white = np.random.default_rng(4).standard_normal(300)
+    for last in (1, 2, 3, 5, 31, 60, 295, 299):
+        whole, band = band_gain(white, 0, last)
+        assert np.isfinite(whole)
+        assert band < 15.0
