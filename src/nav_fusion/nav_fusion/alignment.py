@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nav_fusion.earth import geodetic_from_ecef, level_axes, normal_gravity
-from nav_fusion.state import ACCEL, ALIVE, NAV, SLOW, STRIDE, Layout, Q, R
+from nav_fusion.state import ACCEL, ALIVE, NAV, SLOW, STRIDE, TILT_AT, Layout, Q, R
 
 Floats = NDArray[np.float64]
 
@@ -143,7 +143,7 @@ def hypotheses(
     for row, heading in zip(bank, headings, strict=True):
         C = axes.T @ levelled(force, float(heading))
         row[R : R + 3] = position
-        row[Q : Q + 4] = quaternion_of(C)
+        row[Q : Q + 4] = row[TILT_AT : TILT_AT + 4] = quaternion_of(C)
         row[ALIVE] = 1.0
         P = row[SLOW + m :].reshape(n, STRIDE)
         P[:, :n] = start_covariance(

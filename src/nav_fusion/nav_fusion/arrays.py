@@ -43,7 +43,9 @@ DENIED_AT = 31
 LAG, LAG_TURN = 34, 35
 """How long, s, all but the heaviest hypothesis lag behind; its turn (3) since, and how the specific
 force has changed its velocity (3) and moved its place (3) (:func:`nav_fusion.hypotheses.lead`)."""
-SHARED = 44
+REPOSE = 44
+"""Whether the platform has seemed to rest since the start (:mod:`nav_fusion.repose`)."""
+SHARED = 45
 
 # cursor: where the queues stand (int64)
 SAMPLES, HEAD_MEASUREMENT, NEXT, FIRST_CHECKPOINT, LAST_CHECKPOINT, AHEAD = 0, 1, 2, 3, 4, 5

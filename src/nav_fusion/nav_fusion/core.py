@@ -45,6 +45,7 @@ from nav_fusion.arrays import (
 )
 from nav_fusion.headings import correct, write_output
 from nav_fusion.hypotheses import get_ready, glide_over, propagate
+from nav_fusion.repose import end_repose
 from nav_fusion.state import ALIVE
 from nav_fusion.stillness import add_to_block, begin_block, block_due, close_block
 
@@ -119,6 +120,7 @@ def advance(core: Core, sample: int) -> bool:
         core.shared[GAPS] += 1.0
         core.shared[GAP_S] += float(end - start) * 1e-9
         core.shared[QUIET_BLOCKS] = 0.0
+        end_repose(core)
         begin_block(core, end)
     else:
         add_to_block(core.shared, core.imu[(sample - 1) % IMU_RING], core.imu[sample % IMU_RING])

@@ -551,7 +551,9 @@ class Engine:
             [p.gap_accel_m_s2, p.gap_correlation_s, p.gap_rate_rad_s, p.gap_correlation_s]
         )
         quiet = quiet_limits(self.layout, p, 1.0 / start.period_s)
-        return arrays.new_core(self.layout, start.bank, times, gap, quiet, packed_sensing(p))
+        made = arrays.new_core(self.layout, start.bank, times, gap, quiet, packed_sensing(p))
+        made.shared[arrays.REPOSE] = float(start.still)
+        return made
 
     def _best(self) -> Floats:
         assert self._core is not None

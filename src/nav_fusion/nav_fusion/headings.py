@@ -20,6 +20,7 @@ from nav_fusion.arrays import (
     OUT_RATE,
     OUT_STILL,
     OUTCOME,
+    REPOSE,
     RESTING,
     START,
     STILL,
@@ -31,6 +32,7 @@ from nav_fusion.arrays import (
     update_of,
 )
 from nav_fusion.circle import AWAKENING, some_sleep, wake
+from nav_fusion.earth import gravity_at
 from nav_fusion.hypotheses import heaviest, refresh_bias, settle, settle_all
 from nav_fusion.observe import (
     ALIGNED_S,
@@ -127,7 +129,8 @@ def correct(core: Core, index: int, sample: int) -> None:
     """Apply measurement ``index`` to every living hypothesis; ``sample`` is the last before it."""
     kind, z = core.kind[index], core.z[index]
     time_s = float(core.measurement_ns[index] - core.cursor[START]) * 1e-9
-    rate, rests = core.work[:3], core.shared[RESTING] == 1.0
+    rate = core.work[:3]
+    rests = core.shared[RESTING] == 1.0 or core.shared[REPOSE] == 1.0
     slow, sensing, update = slow_of(core), sensing_of(core), update_of(core)
     if kind == FIELD:
         wake(core)
@@ -166,7 +169,8 @@ def spread(core: Core, best: int, mean: Floats, P: Floats) -> int:
     if s[ALIGNED_S] != 0.0:
         return 1
     here = heading_of(s, core)
-    radius = math.sqrt(s[R] ** 2 + s[R + 1] ** 2 + s[R + 2] ** 2)
+    x, y, z = gravity_at(s[R], s[R + 1], s[R + 2])
+    up = -1.0 / math.sqrt(x * x + y * y + z * z)
     difference = np.zeros(NAV)
     total, turned2 = 0.0, 0.0
     alive = 0
@@ -182,7 +186,7 @@ def spread(core: Core, best: int, mean: Floats, P: Floats) -> int:
         for i in range(3):
             difference[i] = other[R + i] - s[R + i]
             difference[3 + i] = other[V + i] - s[V + i]
-            difference[6 + i] = turn * s[R + i] / radius
+        difference[6], difference[7], difference[8] = turn * up * x, turn * up * y, turn * up * z
         own, its = s[SLOW + m :], other[SLOW + m :]
         for i in range(NAV):
             mean[i] += weight * difference[i]
@@ -204,10 +208,11 @@ def spread(core: Core, best: int, mean: Floats, P: Floats) -> int:
 @njit(cache=True)
 def widen_heading(s: Floats, P: Floats, more: float) -> None:
     """Add to the variance about the vertical what the headings that sleep are turned by."""
-    radius2 = s[R] ** 2 + s[R + 1] ** 2 + s[R + 2] ** 2
+    g = gravity_at(s[R], s[R + 1], s[R + 2])
+    strength2 = g[0] * g[0] + g[1] * g[1] + g[2] * g[2]
     for i in range(3):
         for j in range(3):
-            P[NAV * (6 + i) + 6 + j] += max(more, 0.0) * s[R + i] * s[R + j] / radius2
+            P[NAV * (6 + i) + 6 + j] += max(more, 0.0) * g[i] * g[j] / strength2
 
 
 @njit(cache=True)

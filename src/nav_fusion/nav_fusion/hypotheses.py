@@ -12,6 +12,7 @@ from nav_fusion.arrays import (
     LAG,
     LAG_TURN,
     LAST_DT,
+    REPOSE,
     RESTING,
     UNKNOWN,
     VECTORS,
@@ -20,7 +21,7 @@ from nav_fusion.arrays import (
     slow_of,
 )
 from nav_fusion.earth import gravity_at
-from nav_fusion.observe import ALIGNED_S
+from nav_fusion.observe import ALIGNED_S, take_tilt_along
 from nav_fusion.state import (
     ALIVE,
     BIAS,
@@ -305,6 +306,8 @@ def settle(core: Core, s: Floats) -> None:
         core.work[LAST_DT] = dt
     k, x = core.constants, 1.0 / dt
     turn, force = x * s[GAP_VARIANCE + 1], x * s[GAP_VARIANCE]
+    if core.shared[REPOSE] == 1.0:
+        take_tilt_along(s, m)
     propagate_covariance(
         s[SLOW + m :],
         mean_attitude(s, x),
@@ -325,18 +328,20 @@ def settle(core: Core, s: Floats) -> None:
 
 @njit(cache=True)
 def mean_force(core: Core, s: Floats, x: float) -> Three:
-    """Mean specific force in e since the last :func:`settle`; what bears gravity while at rest.
+    """Mean specific force in e since the last :func:`settle`; what bears gravity while it rests.
 
     Its noise would let a heading error act on the velocity, and every velocity of 0 would seem to
     say that there is none: at rest the heading would become known from nothing.  Beyond five sigma
     of that noise the platform has begun to move.
     """
     f = (x * s[FORCE_SUM], x * s[FORCE_SUM + 1], x * s[FORCE_SUM + 2])
-    if core.shared[RESTING] == 1.0:
+    if core.shared[RESTING] == 1.0 or core.shared[REPOSE] == 1.0:
         g = gravity_at(s[R], s[R + 1], s[R + 2])
         beyond2 = (f[0] + g[0]) ** 2 + (f[1] + g[1]) ** 2 + (f[2] + g[2]) ** 2
         k = core.constants
-        if beyond2 < 25.0 * x * (k[ACCEL_PSD] + k[ACCEL_PSD + 1] + k[ACCEL_PSD + 2]):
+        if core.shared[REPOSE] == 1.0 or beyond2 < 25.0 * x * (
+            k[ACCEL_PSD] + k[ACCEL_PSD + 1] + k[ACCEL_PSD + 2]
+        ):
             return -g[0], -g[1], -g[2]
     return f
 

@@ -24,6 +24,7 @@ from nav_fusion.state import (
     SLOW,
     SPANS,
     STRIDE,
+    TILT_AT,
     USED_BEFORE,
     VELOCITY,
     Q,
@@ -289,6 +290,33 @@ def turn_tilt(s: Floats, m: int, psi: Floats) -> None:
 
 
 @njit(cache=True)
+def turn_since(s: Floats, turn: Floats) -> None:
+    """Vertical turn (3,) in e, rad, of the estimate since what P says of tilt was turned along."""
+    x, y, z = gravity_at(s[R], s[R + 1], s[R + 2])
+    k = -1.0 / math.sqrt(x * x + y * y + z * z)
+    up = (k * x, k * y, k * z)
+    q, p = s[Q : Q + 4], s[TILT_AT : TILT_AT + 4]
+    # q times the conjugate of p: its part about the vertical
+    along = 0.0
+    for i in range(3):
+        a, b = 1 + (i + 1) % 3, 1 + (i + 2) % 3
+        along += up[i] * (p[0] * q[1 + i] - q[0] * p[1 + i] - q[a] * p[b] + q[b] * p[a])
+    w = q[0] * p[0] + q[1] * p[1] + q[2] * p[2] + q[3] * p[3]
+    angle = 2.0 * math.atan2(along, w)
+    for i in range(3):
+        turn[i] = angle * up[i]
+
+
+@njit(cache=True)
+def take_tilt_along(s: Floats, m: int) -> None:
+    """Turn what P says of tilt as far as the estimate has turned about the vertical."""
+    turn = np.empty(3)
+    turn_since(s, turn)
+    turn_tilt(s, m, turn)
+    s[TILT_AT : TILT_AT + 4] = s[Q : Q + 4]
+
+
+@njit(cache=True)
 def shift_state(s: Floats, m: int, k: int, u: Update) -> None:
     """Add K y to the state of the hypothesis ``s``; what P says of tilt turns with the heading."""
     n = NAV + m
@@ -299,8 +327,8 @@ def shift_state(s: Floats, m: int, k: int, u: Update) -> None:
     for i in range(3):
         s[R + i] += x[i]
         s[V + i] += x[3 + i]
-    q = s[Q : Q + 4]
-    rotate_left(q, x[6], x[7], x[8])
+    rotate_left(s[Q : Q + 4], x[6], x[7], x[8])
+    rotate_left(s[TILT_AT : TILT_AT + 4], x[6], x[7], x[8])
     turn_tilt(s, m, x[6:9])
     for i in range(m):
         s[SLOW + i] += x[NAV + i]

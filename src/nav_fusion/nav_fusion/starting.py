@@ -57,6 +57,8 @@ class Start:
         Fixes before the start.
     period_s : float
         Between samples.
+    still : bool
+        The platform seems to rest.
     """
 
     bank: Floats
@@ -67,6 +69,7 @@ class Start:
     measurements: tuple[Measurement, ...]
     skipped: int
     period_s: float
+    still: bool
 
 
 class Waiting:
@@ -198,6 +201,7 @@ class Waiting:
             later,
             earlier + self.dropped,
             period_s,
+            still,
         )
 
     def _headings(self, force: Floats, stamp_ns: Stamps) -> tuple[Floats, float]:

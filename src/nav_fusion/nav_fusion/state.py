@@ -34,10 +34,12 @@ ASLEEP = -1.0
 BIAS = 76
 ELAPSED, FORCE_SUM, TURN_SUM, GAP_VARIANCE = 82, 83, 86, 95
 SPANS, DRIFTS, USED_BEFORE = 97, 113, 119
-SLOW = 120
+TILT_AT = 120
+SLOW = 124
 """Bookkeeping of ``nav_fusion.observe`` lies between ``LOG_WEIGHT`` and ``BIAS``;
 then the summed biases, what gathers until the covariance is brought up to date, the sums of
-innovations over blocks, and how many fixes had been used when the filter was last started anew."""
+innovations over blocks, how many fixes had been used when the filter was last started anew, and
+the attitude (quaternion) by which P's tilt stands (:mod:`nav_fusion.repose`)."""
 
 
 class SlowModel(NamedTuple):

@@ -22,6 +22,7 @@ from nav_fusion.arrays import (
     QUIET,
     QUIET_BLOCKS,
     QUIET_STEPS,
+    REPOSE,
     RESTING,
     SHAKE,
     SHAKE_BLOCKS,
@@ -45,6 +46,7 @@ from nav_fusion.observe import (
     is_slow,
     may_rest,
 )
+from nav_fusion.repose import end_repose, is_known_to_move
 from nav_fusion.state import ALIVE, SLOW, STRIDE, R
 
 SETTLING_BLOCKS, WATCHED_BLOCKS = 120.0, 480.0
@@ -97,6 +99,9 @@ def close_block(core: Core, time_ns: int) -> None:
     d, mean, k = core.shared, core.work[24:30], core.constants
     n = d[BLOCK_COUNT]
     rate2, force2, change2 = 0.0, 0.0, 0.0
+    if d[LAST_FORCE] == d[LAST_FORCE + 1] == d[LAST_FORCE + 2] == 0.0:  # the first block of all
+        for i in range(3):
+            d[LAST_FORCE + i] = d[BLOCK_SUMS + 3 + i] / n
     for i in range(3):
         mean[i] = d[BLOCK_SUMS + i] / n
         mean[3 + i] = d[BLOCK_SUMS + 3 + i] / n
@@ -119,8 +124,11 @@ def close_block(core: Core, time_ns: int) -> None:
         d[SHAKE] += (shake * n / max(n - 1.0, 1.0) - d[SHAKE]) / d[SHAKE_BLOCKS]
     else:
         d[QUIET_BLOCKS] = 0.0
+        end_repose(core)
         d[SHAKE : RESTING + 1] = 0.0
         wake(core)
+    if d[REPOSE] == 1.0 and is_known_to_move(core):
+        end_repose(core)
     d[STILL] = 1.0 if d[QUIET_BLOCKS] >= k[QUIET + 3] else 0.0
     if d[STILL] == 1.0 and k[STILL_USE] != 0.0:
         rest(core, mean, length_s, n)
@@ -193,6 +201,10 @@ def rest(core: Core, mean: Floats, length_s: float, samples: float) -> None:
         s = core.bank[h]
         if s[ALIVE] > 0.0:
             correct_by_rates(s, slow, mean, gyro_psd, length_s, sensing, update)
+    end_repose(core)
+    for h in range(core.bank.shape[0]):
+        s = core.bank[h]
+        if s[ALIVE] > 0.0:
             correct_by_stop(s, slow, variance, sensing, update)
             refresh_bias(s, slow)
     if d[QUIET_BLOCKS] % SLEEPY_BLOCKS == 0.0:
