@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from imu_noise_id.phase import clock_cells, clock_period
 from imu_noise_id.recording import Floats, Mask, Stamps
@@ -151,6 +150,8 @@ def _even(elapsed: Floats, cell: NDArray[np.int64], block: int) -> tuple[Floats,
 
 def _explained(off: Floats) -> bool:
     """Whether the stamps are off the even grid (in ticks) by their rounding and hardly by more."""
+    from scipy.ndimage import uniform_filter1d  # slow to import, seldom needed
+
     lasting = np.abs(uniform_filter1d(off, _NEIGHBOURS)) > _LASTING
     return _LEAST < float(np.std(off)) < _LOUDEST and float(np.mean(lasting)) < _SELDOM
 

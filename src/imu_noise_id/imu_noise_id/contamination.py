@@ -11,6 +11,7 @@ from imu_noise_id.effects.outliers import THRESHOLD, Outliers, outlier_parameter
 from imu_noise_id.effects.output_rounding import OutputRounding, rounding_step
 from imu_noise_id.model import Estimate, FittedEffect
 from imu_noise_id.recording import Floats, Mask
+from imu_noise_id.rounded import rounded_noise
 from imu_noise_id.series import Series
 
 MEDIAN_OVER_S = 2.0
@@ -28,8 +29,10 @@ PARTS = 16
 """Of a record, in which the hits are counted: an outlier comes at any time."""
 ENOUGH = 2**18
 """Samples that tell a step or a median well enough."""
-COARSEST = 2.0
-"""Steps beyond this many standard deviations of the fast noise are not white any more."""
+COARSEST = 5.0
+"""Steps beyond this many standard deviations of the fast noise may hide it."""
+LEAST_KNOWN = 0.05
+"""Relative standard error of a standard deviation that is seen through the rounding."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +46,17 @@ class Contamination:
     effects : tuple of FittedEffect
         ``outliers`` and ``output_rounding`` where they are there.
     floor : float
-        Two-sided white spectrum that the rounding adds, unit^2/Hz.
+        Two-sided white spectrum that the rounding adds, unit^2/Hz; negative where it takes some.
     notes : tuple of str
+    worth : float
+        Share of the samples' information that the rounding leaves.
     """
 
     observed: Mask
     effects: tuple[FittedEffect, ...]
     floor: float
     notes: tuple[str, ...]
+    worth: float = 1.0
 
 
 def find_contamination(series: Series, unit: str) -> Contamination:
@@ -80,7 +86,7 @@ def find_contamination(series: Series, unit: str) -> Contamination:
         notes = (*notes, "far from Gaussian: many samples lie beyond 5 standard deviations")
     elif louder:
         notes = (*notes, "louder in a part of the recording: its samples are no outliers")
-    return Contamination(observed, effects, rounded.floor, notes)
+    return Contamination(observed, effects, rounded.floor, notes, rounded.worth)
 
 
 def deviation_from_medians(seen: Floats, sample_time_s: float) -> Floats:
@@ -148,18 +154,25 @@ class _Rounding:
     step: float
     floor: float
     effects: tuple[FittedEffect, ...]
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    worth: float = 1.0
 
 
 def _rounding(seen: Floats, deviation: Floats, sample_time_s: float, unit: str) -> _Rounding:
     step = rounding_step(seen[:ENOUGH])
     if step is None:
-        return _Rounding(0.0, 0.0, (), ())
+        return _Rounding(0.0, 0.0, ())
     effect = OutputRounding(step)
-    fitted = FittedEffect(effect, (Estimate(step, None, None, None, unit),))
-    reach = THRESHOLD * max(robust_sigma(deviation), step)
-    some = deviation[:: 1 + deviation.size // ENOUGH]
-    if step > COARSEST * float(np.std(np.clip(some, -reach, reach))):
-        note = f"rounding to {step:.3g} {unit} hides the fast noise; white noise includes its error"
-        return _Rounding(step, 0.0, (fitted,), (note,))
-    return _Rounding(step, effect.added_psd(sample_time_s), (fitted,), ())
+    effects = (FittedEffect(effect, (Estimate(step, None, None, None, unit),)),)
+    usual = np.abs(deviation) <= THRESHOLD * max(robust_sigma(deviation), step)
+    noise = rounded_noise(seen[usual], step)
+    if noise is None:
+        return _Rounding(step, effect.added_psd(sample_time_s), effects)
+    most = noise.sigma * np.exp(1.96 * noise.relative_error) * np.sqrt(sample_time_s)
+    note = (
+        f"rounding to {step:.3g} {unit} hides the fast noise: white noise is known from how often "
+        f"each value comes, if it is Gaussian, and is at most {most:.2g} {unit}/sqrt(Hz)"
+    )
+    hidden = step > COARSEST * noise.sigma or noise.relative_error > LEAST_KNOWN
+    notes = (note,) if hidden else ()
+    return _Rounding(step, noise.added * sample_time_s, effects, notes, noise.worth)

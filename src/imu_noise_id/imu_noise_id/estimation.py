@@ -141,28 +141,47 @@ def _analyse_mended(
     size = fast_length(series.values.size)
     dt = series.sample_time_s
     observed = contamination.observed[:size]
-    values = series.values[:size]
+    values, floor = _no_quieter(series.values[:size], contamination.floor, dt, rng)
     heat = None if temperature is None else temperature[:size]
-    known = (series.start_s, heat, _unseen(observed))
+    known = (series.start_s, heat, contamination.worth * _worth(observed))
     if observed.all():
         whole, coefficients, added = dithered(values, dt, rng)
-        return _analyse(coefficients, dt, contamination.floor + added, *known), whole
+        return _analyse(coefficients, dt, floor + added, *known), whole
     filled = roughly_filled(values, observed, rng)
     for _ in range(_draws(observed)):
         grid = ordinates(cosine_coefficients(filled), dt)
-        smooth = select(without_peaks(grid), contamination.floor, (), SMOOTH)
+        smooth = select(without_peaks(grid), floor, (), SMOOTH)
         filled = _redrawn(values, observed, filled, smooth, 0.0, rng)
     filled, coefficients, added = dithered(filled, dt, rng)
-    floor = contamination.floor + added
+    floor = floor + added
     analysis = _analyse(coefficients, dt, floor, *known)
     course = analysis.deterministic(size, dt)
     filled = _redrawn(filled, observed, filled, analysis.explained.fit, course, rng)
     return _analyse(cosine_coefficients(filled), dt, floor, *known), filled
 
 
+def _no_quieter(
+    values: Floats, floor: float, sample_time_s: float, rng: np.random.Generator
+) -> tuple[Floats, float]:
+    """Values with as much white noise as coarse rounding took from them, and the floor then."""
+    if floor >= 0.0:
+        return values, floor
+    return values + rng.standard_normal(values.size) * np.sqrt(-floor / sample_time_s), 0.0
+
+
 def _unseen(observed: Mask) -> float:
     """Share of neighbouring samples of which one or both are missing."""
     return 1.0 - float(np.mean(observed[1:] & observed[:-1]))
+
+
+def _worth(observed: Mask) -> float:
+    """Information of a record whose missing samples are drawn, of a whole one's.
+
+    With an unseen share g the seen samples have 1 - g of it, and the drawn ones scatter about the
+    draw before: a variance is (1 + g/(1 + g))/(1 - g) of a whole record's.
+    """
+    unseen = _unseen(observed)
+    return (1.0 - unseen**2) / (1.0 + 2.0 * unseen)
 
 
 def _draws(observed: Mask) -> int:
@@ -200,27 +219,27 @@ def _analyse(
     floor: float,
     start_s: float,
     temperature: Floats | None,
-    unseen: float,
+    worth: float,
 ) -> Analysis:
-    """Take the DCT-II of a complete record apart; a share of its samples ``unseen`` was drawn."""
+    """Take the DCT-II of a complete record apart that has a share ``worth`` of its information."""
     grid = ordinates(coefficients, sample_time_s)
     base = select(without_peaks(grid), floor, (), SMOOTH)
     lines, wide = find_lines(coefficients, grid, level_without_lines(grid, base.spectrum.psd))
     clear = tuple(line for line in lines if _apart(line, wide))
     grid, rest = _without_lines(coefficients, sample_time_s, clear, wide)
-    fitted = select(_spent(grid, clear, unseen), floor, base.effects)
+    fitted = select(_spent(grid, clear, worth), floor, base.effects)
     if wide:
         level = level_without_lines(grid, fitted.spectrum.psd)
         more, _ = find_lines(rest, grid, level)
         if more:
             clear = (*clear, *more)
             grid, rest = _without_lines(coefficients, sample_time_s, clear, wide)
-            fitted = select(_spent(grid, clear, unseen), floor, fitted.effects)
+            fitted = select(_spent(grid, clear, worth), floor, fitted.effects)
     peaks = _narrow_peaks(fitted)
     if peaks:
         wide = (*wide, *peaks)
         grid = ordinates(rest, sample_time_s, wide)
-        fitted = select(_spent(grid, clear, unseen), floor, fitted.effects)
+        fitted = select(_spent(grid, clear, worth), floor, fitted.effects)
     return Analysis(clear, explain(rest, fitted, start_s, temperature, wide))
 
 
@@ -249,13 +268,8 @@ def _without_lines(
     return ordinates(rest, sample_time_s, wide), rest
 
 
-def _spent(grid: Ordinates, lines: tuple[Line, ...], unseen: float) -> Ordinates:
-    """Degrees of freedom less what lines took and what missing samples cost.
-
-    With an unseen share g the seen samples have 1 - g of the information, and the drawn ones
-    scatter about the draw before: a variance is (1 + g/(1 + g))/(1 - g) of a whole record's.
-    """
-    worth = (1.0 - unseen**2) / (1.0 + 2.0 * unseen)
+def _spent(grid: Ordinates, lines: tuple[Line, ...], worth: float) -> Ordinates:
+    """Degrees of freedom less what lines took and what samples that are not seen cost."""
     dof = grid.dof.copy()
     for line in lines:
         nearest = int(np.argmin(np.abs(grid.frequency_hz - line.frequency_hz)))
