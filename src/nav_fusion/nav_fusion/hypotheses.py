@@ -144,13 +144,16 @@ def heaviest(core: Core) -> int:
 
 
 @njit(cache=True)
-def has_followers(core: Core) -> bool:
-    """Whether the heaviest hypothesis goes ahead and the others follow: at rest, while many live.
+def leader(core: Core) -> int:
+    """Index of the heaviest hypothesis where it goes ahead and the others follow, or -1.
 
-    Of a platform that rests all headings tell the same, and what they differ by hardly changes.
+    At rest, while many live: of a platform that rests all headings tell the same, and what they
+    differ by hardly changes.
     """
-    several = core.bank.shape[0] > 1 and core.bank[heaviest(core), ALIGNED_S] == 0.0
-    return several and core.shared[RESTING] == 1.0
+    if core.bank.shape[0] == 1 or core.shared[RESTING] != 1.0:
+        return -1
+    best = heaviest(core)
+    return best if core.bank[best, ALIGNED_S] == 0.0 else -1
 
 
 @njit(cache=True)
@@ -187,10 +190,11 @@ def gather(d: Floats, s: Floats, a: Floats, b: Floats, x: float, dt: float) -> N
 @njit(cache=True)
 def catch_up(core: Core) -> None:
     """Let the hypotheses that lag follow to the state's time, in one step, without covariances."""
-    d, best = core.shared, heaviest(core)
+    d = core.shared
     dt = d[LAG]
     if dt == 0.0:
         return
+    best = heaviest(core)
     for h in range(core.bank.shape[0]):
         if h != best and core.bank[h, ALIVE] > 0.0:
             follow(core.bank[h], core.bank[best], d, dt)
@@ -241,8 +245,9 @@ def propagate(core: Core, sample: int, from_ns: int, to_ns: int) -> None:
     dt = float(to_ns - from_ns) * 1e-9
     k = core.constants
     gap = whole > core.cursor[GAP]
-    if has_followers(core) and not gap:
-        s = core.bank[heaviest(core)]
+    best = leader(core)
+    if best >= 0 and not gap:
+        s = core.bank[best]
         if lead(core.shared, s, core.imu[a], core.imu[b], x0, x1, dt):
             settle_all(core)
         return
@@ -268,8 +273,9 @@ def glide_over(core: Core, first: int, last: int) -> None:
 
     The same as :func:`propagate` interval by interval where nothing happens at any of them.
     """
-    if has_followers(core):
-        s = core.bank[heaviest(core)]
+    best = leader(core)
+    if best >= 0:
+        s = core.bank[best]
         for sample in range(first, last):
             a, b = (sample - 1) % IMU_RING, sample % IMU_RING
             dt = float(core.imu_ns[b] - core.imu_ns[a]) * 1e-9
@@ -378,7 +384,7 @@ def get_ready(core: Core) -> None:
 
     Covariances of hypotheses that follow wait: how often rows are due changes no likelihood.
     """
-    if has_followers(core):
+    if leader(core) >= 0:
         catch_up(core)
     else:
         settle_all(core)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from imu_noise_id.compiled import njit
+from imu_noise_id.threads import cores, ordered_map
 from numpy.typing import NDArray
 
 from nav_fusion import arrays
@@ -18,6 +19,7 @@ from nav_fusion.strapdown import rotation_matrix
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
+ROWS_A_THREAD = 8192
 LARGEST_HEADING_VARIANCE = np.pi**2 / 3
 """Of a heading that is not known at all; a Gaussian's cannot be larger on a circle."""
 
@@ -162,7 +164,7 @@ def spread(J: Floats, P: Floats, JP: Floats, out: Floats) -> None:
             out[i, j] = out[j, i] = total
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def solve_rows(
     values: Floats,
     origin: Floats,
@@ -214,7 +216,15 @@ def solve(
     place = np.array([math.radians(origin[0]), math.radians(origin[1]), origin[2]])
     means = np.empty((len(values), MEANS))
     covariances = room_for(len(values))
-    solve_rows(values, place, np.array(lever_arm_m, dtype=float), means, covariances)
+    lever = np.array(lever_arm_m, dtype=float)
+
+    def work(part: slice) -> None:
+        rows = Covariances(*(c[part] for c in covariances))
+        solve_rows(values[part], place, lever, means[part], rows)
+
+    parts = [slice(a, a + ROWS_A_THREAD) for a in range(0, len(values), ROWS_A_THREAD)]
+    for _ in ordered_map(work, parts, cores()):
+        pass  # each fills its own rows
     means[:, ANTENNA : ANTENNA + 2] *= 180.0 / math.pi
     bias = values[:, arrays.OUT_BIAS : arrays.OUT_BIAS + 6]
     variance = values[:, arrays.OUT_BIAS_VARIANCE : arrays.OUT_BIAS_VARIANCE + 6]
