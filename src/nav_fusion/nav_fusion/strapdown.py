@@ -220,18 +220,20 @@ def transition_rows(
 @njit(cache=True)
 def bias_rows(M: Floats, columns: int, mean: Floats, target: Ints, C: Nine, B: Floats) -> None:
     """Six rows of ``B``: the slow states of each inertial axis, with weights, turned into e."""
-    B[: 6 * STRIDE] = 0.0
+    for k in range(6):
+        for j in range(columns):
+            B[k * STRIDE + j] = 0.0
     for s in range(target.size):
         t = target[s]
         if t >= IMU_TARGETS:
             break
-        first, to = (NAV + s) * STRIDE, (t // 3) * 3 * STRIDE
-        row = M[first : first + columns]
-        for a in range(3):
-            c = mean[s] * C[3 * a + t % 3]
-            sums = B[to + a * STRIDE : to + a * STRIDE + columns]
-            for j in range(columns):
-                sums[j] += c * row[j]
+        first, to, k = (NAV + s) * STRIDE, (t // 3) * 3 * STRIDE, t % 3
+        x, y, z = mean[s] * C[k], mean[s] * C[3 + k], mean[s] * C[6 + k]
+        for j in range(columns):
+            row = M[first + j]
+            B[to + j] += x * row
+            B[to + STRIDE + j] += y * row
+            B[to + 2 * STRIDE + j] += z * row
 
 
 @njit(cache=True)
