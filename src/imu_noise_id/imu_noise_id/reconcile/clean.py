@@ -32,10 +32,11 @@ from imu_noise_id.reconcile.contamination import (
     timing_changes,
 )
 from imu_noise_id.reconcile.explain import quieten
+from imu_noise_id.reconcile.filling import filled, lifted
 from imu_noise_id.reconcile.lines import PRESENT_NATS, given_span, has_span, line_index, steadied
 from imu_noise_id.reconcile.null import load_null, log_p_of, z_of
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE, Where
-from imu_noise_id.reconcile.state import State, analyse
+from imu_noise_id.reconcile.state import State, analyse, inverse_psd
 from imu_noise_id.reconcile.work import TYPED_SIZE_ERROR, Work, drafted, initial_state
 from imu_noise_id.recording import Channel, Floats, Recording
 from imu_noise_id.series import Series, to_series
@@ -44,6 +45,8 @@ COARSE = 0.8
 MOVED = 0.645
 """Root mean square of a rounded record's differences, in steps, from which on its errors are white:
 then the course itself moves by half a step, and they are correlated by exp(-2 pi^2/4)."""
+MOST_BRIDGED = 0.01
+"""Share of missing samples that may be bridged: what is slow has as much more power."""
 STAIRS = frozenset(
     {"kurtosis", "skewness", "extreme", "burst", "patch", "levels", "modulation", "line"}
 )
@@ -143,9 +146,36 @@ def _state(
         regressor_s = (regressor.stamp_ns - recording.start_ns) * 1e-9
         time_s = start_s + dt * np.arange(values.size)
         temperature = np.interp(time_s, regressor_s, regressor.values)
+    values = _drawn(model, values, missing, dt, hold, rng)
     values, _, dither = dithered(values, dt, rng)
     state = initial_state(model, values, dt, start_s, temperature, hold)
     return replace(state, floor=state.floor + dither, dither=dither)
+
+
+def _drawn(
+    model: ChannelModel,
+    bridged: Floats,
+    missing: np.ndarray,
+    sample_time_s: float,
+    hold: float,
+    rng: np.random.Generator,
+) -> Floats:
+    """Bridged values with the missing ones drawn from the model, where they are many."""
+    if not MOST_BRIDGED < missing.mean() < 1.0:
+        return bridged
+    state = initial_state(model, bridged, sample_time_s, 0.0, None, hold)
+    if not state.effects:
+        return bridged
+    inverse = inverse_psd(state.effects, bridged.size, sample_time_s, state.floor)
+    inverse[0] = inverse[1]
+    # as loud as the record's fast noise is, whatever the model's
+    fast = 2.0 * np.sin(0.5 * np.pi * np.arange(bridged.size) / bridged.size) ** 2
+    said = float(np.mean(2.0 * fast / inverse)) / sample_time_s
+    both = ~(missing[1:] | missing[:-1])
+    seen = (_fast_sigma(bridged, missing) ** 2) if both.any() else 0.0
+    scale = 2.0 * seen / said if seen > 0.0 else 1.0
+    psd = lifted(bridged, scale / inverse, sample_time_s)
+    return filled(bridged, missing, psd, sample_time_s, rng)
 
 
 def _fast_sigma(values: Floats, missing: np.ndarray) -> float:
