@@ -13,6 +13,7 @@ from imu_noise_id.recording import Floats
 
 REGULAR = 1.2
 """Messages by which a run may differ from the factor."""
+WHOLE = 0.02
 CLOSER = 4
 """Times that the factor and the repeats of rounding are found from one another."""
 TOGETHER, APART = 32, 8.0
@@ -67,7 +68,7 @@ def held_factor(values: list[Floats]) -> float:
     Returns
     -------
     float
-        A factor within 2 % of a whole number is that number.
+        A factor within 2 %, or two standard errors, of a whole number is that number.
     """
     moving = [v for v in values if v.size > 64 and np.any(v[1:] != v[0])]
     if not moving:
@@ -87,7 +88,8 @@ def held_factor(values: list[Floats]) -> float:
         return 1.0  # repeats that come and go are no hold: interpolation, say
     if not _keeps_time(runs, factor, lone):
         return 1.0
-    return float(round(factor)) if abs(factor / round(factor) - 1.0) < 0.02 else factor
+    near = max(WHOLE, 2.0 * float(np.sqrt((1.0 - lone) / runs.size)))  # of c
+    return float(round(factor)) if abs(factor / round(factor) - 1.0) < near else factor
 
 
 def _keeps_time(runs: NDArray[np.int64], factor: float, lone: float) -> bool:

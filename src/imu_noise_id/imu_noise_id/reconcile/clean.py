@@ -38,7 +38,7 @@ from imu_noise_id.reconcile.null import load_null, log_p_of, z_of
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE, Where
 from imu_noise_id.reconcile.state import State, analyse, inverse_psd
 from imu_noise_id.reconcile.work import TYPED_SIZE_ERROR, Work, drafted, initial_state
-from imu_noise_id.recording import Channel, Floats, Recording
+from imu_noise_id.recording import DERIVED, Channel, Floats, Recording
 from imu_noise_id.series import Series, to_series
 
 COARSE = 0.8
@@ -73,9 +73,10 @@ def open_topic(
             if isinstance(fitted.effect, TransportEffect):
                 given.setdefault(fitted.name, fitted.effect)
     timing = timing_changes(channels[0], given, log_level)
-    hold, factor = hold_change([c.values for c in channels], given.get("held_samples"))
+    measured = [c for c in channels if c.name not in DERIVED] or channels
+    hold, factor = hold_change([c.values for c in measured], given.get("held_samples"))
     series = {c.name: to_series(c, recording.start_ns) for c in channels}
-    grids = [s.values for s in series.values()]
+    grids = [series[c.name].values for c in measured]
     fresh = fresh_index(grids, factor) if len({g.size for g in grids}) == 1 else None
     out = []
     for channel in channels:

@@ -34,6 +34,8 @@ SURROUNDINGS = 40
 SPAN_BLOCKS = 256
 LEAST_SPAN, MOST_SPAN = 0.05, 0.9
 """Shares of the record for which a line that comes or goes is there."""
+LEAST_CYCLES = 16.0
+"""Of a line that is there for a while: fewer are a bump, or what leans against a filter's end."""
 AROUND = 16
 ABSENT = 0.1
 """Power outside its span over that within, of a line that is not there."""
@@ -78,7 +80,10 @@ def line_span(white: Floats, sample_time_s: float) -> tuple[float, int, int] | N
             return None
         part = np.zeros(white.size)
         part[slice(*span)] = white[slice(*span)]
-    return (frequency_hz, *span) if span else None
+    if span is None:
+        return None
+    cycles = min(frequency_hz, 0.5 / sample_time_s - frequency_hz) * (span[1] - span[0])
+    return (frequency_hz, *span) if cycles * sample_time_s > LEAST_CYCLES else None
 
 
 def span_at(frequency_hz: float, white: Floats, sample_time_s: float) -> tuple[int, int] | None:
@@ -133,7 +138,7 @@ def has_span(note: str) -> bool:
 
 
 def _grid(count: int) -> np.ndarray:
-    return np.linspace(0, count, SPAN_BLOCKS + 1).astype(int)
+    return np.linspace(0, count, max(min(SPAN_BLOCKS, count // 4), 1) + 1).astype(int)
 
 
 def _window(turned: Complexes) -> tuple[int, int]:
@@ -150,7 +155,7 @@ def _window(turned: Complexes) -> tuple[int, int]:
     i, j = np.triu_indices(grid.size, 1)
     at = int(np.argmax(net(grid[i], grid[j])))
     first, last = int(grid[i[at]]), int(grid[j[at]])
-    block = n // SPAN_BLOCKS
+    block = int(grid[1])
     if first > 0:
         starts = np.arange(max(first - block, 0), min(first + block, last - 1) + 1)
         first = int(starts[np.argmax(net(starts, np.array(last)))])
@@ -211,7 +216,7 @@ def steadied(state: State, found: Analysis, index: int) -> tuple[State, float]:
     """
     n, dt = state.values.size, state.sample_time_s
     f = _frequency(state, index)
-    if not COSINES < 2.0 * n * dt * f < 2.0 * n - COSINES:
+    if not COSINES < 2.0 * n * dt * f < n - COSINES:
         return state, 0.0
     turn = np.exp(2j * np.pi * f * state.time_s)
     slow = 2.0 * np.asarray(fft.idct(found.coefficients, norm="ortho")) * turn.conj()

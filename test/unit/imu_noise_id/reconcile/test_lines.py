@@ -136,3 +136,14 @@ def test_a_place_that_several_statistics_see_is_listed_once() -> None:
         Where("time", 1.0, 2.0, "s", 7.0),
     )
     assert distinct(places) == (one, places[2])
+
+
+def test_a_short_record_with_a_line_at_half_the_rate_is_compared() -> None:
+    for count in (260, 342):
+        values = np.random.default_rng(count).standard_normal(count)
+        values += 2.0 * (-1.0) ** np.arange(count)
+        stamps = np.rint(T[:count] * 1e9).astype(np.int64)
+        still = np.ones(count, dtype=bool)
+        channel = Channel("/imu/data", NAME, unit_of(NAME), stamps, values, still, RATE_HZ)
+        result = reconcile_recording(Recording("short", 0, (channel,)), MODEL).channel(NAME)
+        assert result.verdict != "agrees"
