@@ -198,3 +198,13 @@ def test_hostile_names_stay_inside_comments(target: str) -> None:
         assert ElementTree.fromstring(text).find("evil") is None
     else:
         assert "evil" not in yaml.safe_load(text)
+
+
+@pytest.mark.parametrize("target", sorted(FORMATS))
+def test_what_holds_for_all_axes_is_said_once(target: str) -> None:
+    line = {"periodic": {"frequency_hz": 43.0, "amplitude": 1e-3}}
+    exported = FORMATS[target](_model(**line), 200.0)
+    about = [note for note in exported.notes if "periodic" in note]
+    axes = f"{GYRO}.x, {GYRO}.y, {GYRO}.z"
+    assert sum(axes in note for note in about) == 1
+    assert exported.text.count(axes) == 1

@@ -13,6 +13,7 @@ from imu_noise_id.export.reduction import (
     channels_of,
     drift,
     has_axes,
+    joined,
     left_out,
     slower_sensors,
 )
@@ -53,6 +54,7 @@ def export(model: NoiseModel, rate_hz: float) -> Exported:
         raise InputError(
             f"{model.source}: no IMU, magnetometer or GNSS with three axes: nothing for gazebo"
         )
+    notes = joined(notes)
     ElementTree.indent(root)
     said = "".join(f"     {note.replace('--', '- -')}.\n" for note in notes)
     head = _HEAD.format(rate=rate_hz, notes=said)

@@ -7,6 +7,7 @@ from imu_noise_id.export.reduction import (
     Exported,
     channels_of,
     comment,
+    joined,
     left_out,
     walk_density,
     white_density,
@@ -54,6 +55,7 @@ def export(model: NoiseModel, rate_hz: float) -> Exported:
             densities = [walk_density(channel, notes) for channel in axes]
         lines.append(f"{key}:  # {unit}")
         lines += [f"- [{row}]" for row in _diagonal([d * d for d in densities])]
+    notes = joined(notes)
     head = comment([*_HEAD, f"Rounding counts as white noise at {rate_hz:g} Hz.", *notes])
     return Exported(f"{head}rate_hz: {rate_hz!r}\n" + "\n".join(lines) + "\n", tuple(notes))
 

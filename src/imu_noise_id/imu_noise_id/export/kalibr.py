@@ -7,6 +7,7 @@ from imu_noise_id.export.reduction import (
     Exported,
     channels_of,
     comment,
+    joined,
     left_out,
     walk_density,
     white_density,
@@ -37,6 +38,7 @@ def export(model: NoiseModel, rate_hz: float) -> Exported:
         unit = axes["x"].unit
         lines.append(f"{sensor}_noise_density: {_number(white)}  # {unit}/sqrt(Hz)")
         lines.append(f"{sensor}_random_walk: {_number(walk)}  # {unit}/s/sqrt(Hz)")
+    notes = joined(notes)
     head = comment(
         [
             "Kalibr imu.yaml, written by imu_noise_id",

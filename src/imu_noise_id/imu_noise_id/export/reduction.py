@@ -17,6 +17,7 @@ Decisions, stated in every file written:
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from imu_noise_id.errors import InputError
@@ -57,6 +58,16 @@ class Drift:
     def sigma(self) -> float:
         """Stationary standard deviation, diffusion sqrt(T_c/2)."""
         return self.diffusion * math.sqrt(self.correlation_time_s / 2.0)
+
+
+def joined(notes: Sequence[str]) -> list[str]:
+    """Say once what is said of several channels: the same sentence, with their names before it."""
+    channels: dict[tuple[str, str], list[str]] = {}
+    for note in notes:
+        channel, _, sentence = note.partition(": ")
+        alone = "" if "." in channel else channel  # a sensor, not one of its axes
+        channels.setdefault((sentence, alone), []).append(channel)
+    return [f"{', '.join(names)}: {sentence}" for (sentence, _), names in channels.items()]
 
 
 def slower_sensors(model: NoiseModel, rate_hz: float) -> list[str]:

@@ -8,6 +8,7 @@ from imu_noise_id.export.reduction import (
     channels_of,
     comment,
     has_axes,
+    joined,
     left_out,
     slower_sensors,
     stationary_variance,
@@ -81,6 +82,7 @@ def export(model: NoiseModel, rate_hz: float) -> Exported:
             process[state] = white_power(channel, rate_hz)
     if not lines:
         raise InputError(f"{model.source}: no IMU or GNSS channels: nothing for robot_localization")
+    notes = joined(notes)
     return Exported(_text(process, lines, rate_hz, notes), tuple(notes))
 
 
