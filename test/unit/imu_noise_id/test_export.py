@@ -207,4 +207,4 @@ def test_what_holds_for_all_axes_is_said_once(target: str) -> None:
     about = [note for note in exported.notes if "periodic" in note]
     axes = f"{GYRO}.x, {GYRO}.y, {GYRO}.z"
     assert sum(axes in note for note in about) == 1
-    assert exported.text.count(axes) == 1
+    assert sum("periodic" in line for line in exported.text.splitlines()) == len(about)
