@@ -104,7 +104,7 @@ def write_mcap(
         summary.add(_SCHEMA, _struct("<H", k + 1) + _text(kind) + _text("ros2msg") + _text(text))
     for k, t in enumerate(topics):
         ids = _struct("<HH", k + 1, kinds.index(t.type) + 1)
-        qos = _map({"offered_qos_profiles": ""})
+        qos = _map({"offered_qos_profiles": "[]"})
         summary.add(_CHANNEL, ids + _text(t.topic) + _text("cdr") + qos)
     head = b"".join(_record(op, r) for op, rs in summary.groups.items() for r in rs)
     file.write(MAGIC + _record(_HEADER, _text("ros2") + _text("imu_noise_id")))
