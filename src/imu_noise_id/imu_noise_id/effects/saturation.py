@@ -10,6 +10,9 @@ import numpy as np
 from imu_noise_id.effects.base import Parameter, TransformEffect
 from imu_noise_id.recording import Floats
 
+BEYOND = 0.01
+"""Samples beyond a full scale, over those that lie on it, that hits may have put there."""
+
 
 @dataclass(frozen=True)
 class Saturation(TransformEffect):
@@ -38,9 +41,9 @@ class Saturation(TransformEffect):
 def saturation_limit(values: Floats) -> tuple[float | None, int]:
     """Full scale at which values pile up, with the number of samples that lie there.
 
-    The value of largest magnitude must be taken by more samples (within 1e-9 of it, both signs)
-    than its neighbour value explains: at least 5, and 4 times those at the next distinct magnitude
-    on the same side.
+    The value of largest magnitude must be taken by more samples (within 1e-9 of it) than its
+    neighbour value explains: at least 5, and 4 times those at the next distinct magnitude on the
+    same side.  A full scale holds on both sides: where the other one goes beyond, none.
 
     Parameters
     ----------
@@ -52,20 +55,34 @@ def saturation_limit(values: Floats) -> tuple[float | None, int]:
     limit : float or None
     samples : int
     """
+    top, count = _most_piled(values)
+    beyond = int(np.sum(np.abs(values) > abs(top) * (1.0 + 1e-9)))
+    return (abs(top), count) if beyond <= BEYOND * count else (None, 0)
+
+
+def one_sided_limit(values: Floats) -> float | None:
+    """Value at which one side piles up while the other goes beyond: no full scale does that."""
+    top, count = _most_piled(values)
+    return top if count and saturation_limit(values)[0] is None else None
+
+
+def _most_piled(values: Floats) -> tuple[float, int]:
+    """Extreme value at which most samples pile up, with its sign, and their number; 0, 0 if none.
+
+    On either side of the middle, that of the mean included: a full scale about zero, or another.
+    """
+    best = (0.0, 0)
     if values.size < 32:
-        return None, 0
-    best: tuple[float | None, int] = (None, 0)
+        return best
     for sign in (1.0, -1.0):
         side = sign * values
-        top = float(side.max())
-        if top <= 0.0:
-            continue
-        below = side[side < top * (1.0 - 1e-9)]
+        top, scale = float(side.max()), float(np.abs(values).max())
+        below = side[side < top - 1e-9 * scale]
         at_top = values.size - below.size
         if below.size == 0 or at_top < 5:
             continue
         second = float(below.max())
-        at_second = int(np.sum(below >= second - 1e-9 * top))
+        at_second = int(np.sum(below >= second - 1e-9 * scale))
         if at_top >= 4 * at_second and at_top > best[1]:
-            best = (top, at_top)
+            best = (sign * top, at_top)
     return best

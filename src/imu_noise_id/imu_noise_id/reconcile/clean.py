@@ -13,6 +13,7 @@ from imu_noise_id.effects.held_samples import HeldSamples
 from imu_noise_id.effects.outliers import Outliers
 from imu_noise_id.effects.output_rounding import OutputRounding
 from imu_noise_id.effects.periodic import Periodic
+from imu_noise_id.effects.saturation import one_sided_limit
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
 from imu_noise_id.model import ChannelModel
 from imu_noise_id.ordinates import fast_length
@@ -56,6 +57,11 @@ STRETCHES = 32
 CLUSTERED_LOG_P = -9.0
 TAILS_LOG_P = -14.0
 MOST_HITS = 0.02
+_ONE_SIDED = (
+    "samples pile up at {:.4g} {} and go beyond it on the other side: clipped on one side only, "
+    "which no full scale does"
+)
+_STAIRS = "in steps of {:.3g} {} it hardly moves from one sample to the next: {} alone is compared"
 GIVEN_LOG_P = float(np.log(1e-4))
 
 
@@ -207,6 +213,8 @@ def _settle(
     clipped, _ = saturation_change(raw, effects.get("saturation"), rng)
     if step and white_stride(raw, step) != 1:
         clipped = None  # a stair at the top is as long as the course stays there
+    elif (limit := one_sided_limit(raw)) is not None:
+        work = replace(work, notes=(*work.notes, _ONE_SIDED.format(limit, work.channel.unit)))
     pending = [*changes, *(c for c in (clipped, comb) if c)]
     work = replace(work, unmet=tuple(_finding(c) for c in pending))
     for change in pending:
@@ -246,7 +254,9 @@ def _rounded(
     index = picked if work.hold > 1.0 else np.arange(whole.values.size)
     stride = white_stride(whole.values[index], step)
     if stride != 1:
-        work = replace(work, skip=work.skip | STAIRS)
+        compared = f"every {stride}th sample" if stride else "its spectrum"
+        note = _STAIRS.format(step, work.channel.unit, compared)
+        work = replace(work, skip=work.skip | STAIRS, notes=(*work.notes, note))
     if stride > 1:
         hold = work.hold * stride
         state = _state(work.model, whole, recording, index[::stride], hold, rng)

@@ -293,8 +293,26 @@ def _assemble(
     absent = models.keys() - {c.name for c in recording.channels}
     notes = [f"{name}: in the model, not in the recording" for name in sorted(absent)]
     notes += lying_otherwise(recording, models)
+    notes += of_the_stamps(recording)
     mended = mended_model(model, works, recording)
     return Reconciliation(tuple(results), mended, levels.rate, tuple(notes))
+
+
+def of_the_stamps(recording: Recording) -> list[str]:
+    """What the reader says of a topic's samples, and what it left out: the clock was set, say."""
+    notes = []
+    for topic in dict.fromkeys(c.topic for c in recording.channels):
+        qualities = [c.quality for c in recording.channels if c.topic == topic]
+        common = (n for n in qualities[0].notes if all(n in q.notes for q in qualities))
+        notes += [f"{topic}: {note}" for note in common if note not in recording.notes]
+        twice = max(quality.duplicates for quality in qualities)
+        back = max(quality.out_of_order for quality in qualities)
+        if twice or back:
+            notes.append(
+                f"{topic}: left out are {twice} samples with the stamp of another and {back} with "
+                "one that runs back: a clock set back, or messages sent twice?"
+            )
+    return notes
 
 
 def lying_otherwise(recording: Recording, models: dict[str, ChannelModel]) -> list[str]:

@@ -54,7 +54,8 @@ def channel_result(work: Work, log_level: float) -> ChannelReconciliation:
         before = Gap(first.held_out.gap_before, float(np.exp(min(log_p, 0.0))), places)
     steps = tuple(_step(work, draft) for draft in _ordered(work.drafts))
     channel = work.channel
-    return ChannelReconciliation(channel.topic, channel.name, verdict, before, after, steps)
+    identity = channel.topic, channel.name, verdict
+    return ChannelReconciliation(*identity, before, after, steps, work.notes)
 
 
 def uncompared(channel: Channel, model: ChannelModel | None) -> ChannelReconciliation:

@@ -77,6 +77,8 @@ class Work:
     lasting : tuple of Finding
         Findings of the hits' distribution, kept to the end.
     drafts : tuple of Draft
+    notes : tuple of str
+        What a reader should know of the samples, a sentence each.
     """
 
     channel: Channel
@@ -89,6 +91,7 @@ class Work:
     unmet: tuple[Finding, ...] = ()
     lasting: tuple[Finding, ...] = ()
     drafts: tuple[Draft, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:

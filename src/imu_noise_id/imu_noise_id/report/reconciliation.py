@@ -65,18 +65,18 @@ def verdict(result: Reconciliation) -> str:
 def channel_sentence(channel: ChannelReconciliation) -> str:
     """Return the evidence of each step, and what remains."""
     said = [f"{step.evidence}." for step in channel.steps]
-    if channel.verdict == "unexplained":
+    label = channel_label(channel.name)
+    if channel.verdict == "unexplained" and np.isfinite(channel.after.score):
         places = [f"{w.domain} {w.from_:.3g} to {w.to:.3g} {w.unit}" for w in channel.after.where]
         where = f" in {', '.join(list(dict.fromkeys(places))[:3])}" if places else ""
-        said.append(
-            f"{channel_label(channel.name)}: something remains{where} that no effect of the "
-            "catalogue explains."
-        )
+        said.append(f"{label}: something remains{where} that no effect of the catalogue explains.")
+    said += [f"{label}: {note}{'' if note.endswith('?') else '.'}" for note in channel.notes]
     return " ".join(sentence[:1].upper() + sentence[1:] for sentence in said)
 
 
 def _notes(result: Reconciliation) -> tuple[str, ...]:
-    return tuple(f"{c.name}: {note}" for c in result.channels for note in c.notes)
+    agreeing = [c for c in result.channels if c.verdict == "agrees"]  # the others' are said above
+    return tuple(f"{c.name}: {note}" for c in agreeing for note in c.notes)
 
 
 def _shown(number: float, form: str) -> str:

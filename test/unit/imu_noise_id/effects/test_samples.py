@@ -10,7 +10,7 @@ from imu_noise_id.effects.held_samples import HeldSamples, held_factor
 from imu_noise_id.effects.outliers import Outliers, outlier_mask, outlier_parameters
 from imu_noise_id.effects.output_rounding import OutputRounding, rounding_step
 from imu_noise_id.effects.rate_ramp import RateRamp, ramp_slope
-from imu_noise_id.effects.saturation import Saturation, saturation_limit
+from imu_noise_id.effects.saturation import Saturation, one_sided_limit, saturation_limit
 from imu_noise_id.effects.temperature import Temperature, temperature_coefficient
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
 
@@ -69,6 +69,18 @@ def test_clipping_is_seen_where_values_pile_up(noise: np.ndarray) -> None:
     assert count > 500
     assert saturation_limit(noise) == (None, 0)
     assert saturation_limit(np.rint(noise * 3.0)) == (None, 0)
+
+
+@pytest.mark.parametrize("mean", [0.5, 9.8])
+def test_what_is_clipped_on_one_side_has_a_full_scale_only_if_the_other_stays_within(
+    noise: np.ndarray, mean: float
+) -> None:
+    low, high = mean + np.maximum(noise, -1.5), mean + np.minimum(noise, 1.5)
+    assert saturation_limit(low) == (None, 0)
+    assert one_sided_limit(low) == mean - 1.5
+    beyond = np.abs(high).max() > mean + 1.5  # about zero, of 4 sigma the other way
+    assert (saturation_limit(high)[0] is None) == beyond
+    assert one_sided_limit(mean + noise) is None
 
 
 def test_outliers_give_back_rate_and_scale(noise: np.ndarray) -> None:

@@ -16,8 +16,8 @@ from imu_noise_id.identify import identify_recording
 from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.model_file import typed_effect
 from imu_noise_id.reconcile import compare_recording, reconcile_recording, reconciliation_tree
-from imu_noise_id.reconcile.loop import lying_otherwise
-from imu_noise_id.recording import Channel, Recording, unit_of
+from imu_noise_id.reconcile.loop import lying_otherwise, of_the_stamps
+from imu_noise_id.recording import Channel, Quality, Recording, unit_of
 from imu_noise_id.simulate import simulate_recording
 from scipy.signal import butter, lfilter
 
@@ -229,3 +229,22 @@ def test_gravity_of_the_other_sign_is_said() -> None:
     assert note.startswith("linear_acceleration.z: a mean of -9.79 m/s^2 and +9.79 in the model")
     assert lying_otherwise(recording(9.9), models(9.79)) == []
     assert lying_otherwise(recording(9.9), models(0.0)) == []
+
+
+def test_what_the_reader_left_out_is_said_once_a_topic() -> None:
+    stamps = np.arange(100, dtype=np.int64) * 10_000_000
+    back = "the clock was set once, by -1 s"
+    quality = Quality(duplicates=200, notes=(back,))
+
+    def channel(axis: str, notes: tuple[str, ...]) -> Channel:
+        held = replace(quality, notes=(*quality.notes, *notes))
+        still = np.ones(100, dtype=bool)
+        name = f"angular_velocity.{axis}"
+        return Channel("/imu", name, "rad/s", stamps, np.zeros(100), still, 100.0, held)
+
+    channels = channel("x", ()), channel("y", ("it hangs",))
+    said = of_the_stamps(Recording("made", 0, channels))
+    assert said[0] == f"/imu: {back}"
+    assert len(said) == 2
+    assert "200 samples with the stamp of another" in said[1]
+    assert not of_the_stamps(Recording("made", 0, (replace(channels[0], quality=Quality()),)))

@@ -90,3 +90,10 @@ def test_before_and_after_are_drawn_in_every_domain(tmp_path: Path) -> None:
     seen = visit(path)
     assert seen.complaints == ()
     assert seen.attribute("data-drawn") == "16/16"
+
+
+def test_a_constant_is_said_to_be_one() -> None:
+    nothing = Gap(float("nan"), 0.0, (Where("amplitude", 0.37, 0.37, "m/s^2", -np.inf),))
+    note = "every sample has the same value, and the model has noise: a sensor that hangs?"
+    channel = ChannelReconciliation("/imu", NAMES[1], "unexplained", nothing, nothing, (), (note,))
+    assert channel_sentence(channel) == f"Accelerometer y: {note}"
