@@ -44,7 +44,7 @@ from nav_fusion.observe import (
     correct_by_fix,
     correct_by_velocity,
 )
-from nav_fusion.state import ALIVE, BIAS, ELAPSED, LOG_WEIGHT, NAV, SLOW, STRIDE, Q, R, V
+from nav_fusion.state import ALIVE, BIAS, ELAPSED, LOG_WEIGHT, NAV, SLOW, STRIDE, Q, R, SlowModel, V
 from nav_fusion.strapdown import rotation_matrix
 
 
@@ -95,8 +95,26 @@ def are_alike(core: Core, best: int) -> bool:
 
 
 @njit(cache=True)
+def turn_alike(s: Floats, best: Floats, slow: SlowModel) -> bool:
+    """Whether what two hypotheses say of the gyro's biases is the same, to half a sigma.
+
+    Headings that began apart may meet by biases that are: which of them is true is still open.
+    """
+    P = best[SLOW + slow.target.size :]
+    for axis in range(3):
+        variance = 0.0
+        for a in range(slow.target.size):
+            for b in range(slow.target.size):
+                if slow.target[a] == axis and slow.target[b] == axis:
+                    variance += P[(NAV + a) * STRIDE + NAV + b]
+        if (s[BIAS + axis] - best[BIAS + axis]) ** 2 > 0.25 * variance:
+            return False
+    return True
+
+
+@njit(cache=True)
 def prune(core: Core, time_s: float) -> None:
-    """End hypotheses that are 10^-6 as likely as the best, or that have become the same as it."""
+    """End hypotheses that are 10^-6 as likely as the best, or have become the same as it."""
     best = heaviest(core)
     if core.bank[best, ALIGNED_S] != 0.0:
         return
@@ -105,7 +123,7 @@ def prune(core: Core, time_s: float) -> None:
             return
         wake(core)
         best = heaviest(core)
-    m = core.target.size
+    m, slow = core.target.size, slow_of(core)
     here = heading_of(core.bank[best], core)
     certain = heading_variance(core.bank[best], m)
     alive = 0
@@ -116,6 +134,7 @@ def prune(core: Core, time_s: float) -> None:
         behind = core.bank[best, LOG_WEIGHT] - s[LOG_WEIGHT]
         apart = wrap(heading_of(s, core) - here)
         same = certain < 0.01 and apart * apart < 0.25 * certain + 1e-6
+        same = same and turn_alike(s, core.bank[best], slow)
         if h != best and (behind > 13.8 or same):
             s[ALIVE] = 0.0
         else:
