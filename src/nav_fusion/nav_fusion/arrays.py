@@ -12,7 +12,8 @@ import numpy as np
 from imu_noise_id.compiled import njit
 from numpy.typing import NDArray
 
-from nav_fusion.observe import UPDATE_SIZE, Sensing, Update, update_views
+from nav_fusion.correction import UPDATE_SIZE, Update, update_views
+from nav_fusion.observe import Sensing
 from nav_fusion.state import Layout, SlowModel
 from nav_fusion.strapdown import SCRATCH_SIZE
 

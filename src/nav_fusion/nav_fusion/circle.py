@@ -27,10 +27,12 @@ from nav_fusion.arrays import (
     sensing_of,
     slow_of,
 )
-from nav_fusion.earth import gravity_at
+from nav_fusion.correction import turn_tilt
+from nav_fusion.earth import plumb_at
 from nav_fusion.hypotheses import heaviest, refresh_bias, settle_all
-from nav_fusion.observe import ALIGNED_S, finds_north, turn_tilt
-from nav_fusion.state import ALIVE, ASLEEP, LOG_WEIGHT, NAV, SLOW, STRIDE, Q, R
+from nav_fusion.observe import ALIGNED_S
+from nav_fusion.resting import finds_north
+from nav_fusion.state import ALIVE, ASLEEP, LOG_WEIGHT, NAV, SLOW, STRIDE, TILT_AT, Q, R
 from nav_fusion.strapdown import rotate_left, rotation_matrix
 
 STATE_APART, COVARIANCE_APART, WEIGHT_APART = 0.05, 0.02, 0.1
@@ -74,9 +76,8 @@ def stand_at_antenna(s: Floats, m: int, lever: Floats, sign: float) -> None:
 @njit(cache=True)
 def turn_about_up(s: Floats, m: int, angle: float) -> None:
     """Turn attitude, and what its covariance says of tilt, about the vertical."""
-    x, y, z = gravity_at(s[R], s[R + 1], s[R + 2])
-    k = -angle / math.sqrt(x * x + y * y + z * z)
-    psi = np.array([k * x, k * y, k * z])
+    x, y, z = plumb_at(s[R], s[R + 1], s[R + 2])
+    psi = np.array([-angle * x, -angle * y, -angle * z])
     rotate_left(s[Q : Q + 4], psi[0], psi[1], psi[2])
     turn_tilt(s, m, psi)
 
@@ -118,6 +119,7 @@ def tell(core: Core, five: Floats, h: int, s: Floats) -> None:
             s[i] += share * part[i]
     turn_about_up(s, m, 2.0 * math.pi * h / count)
     stand_at_antenna(s, m, sensing_of(core).lever, -1.0)
+    s[TILT_AT : TILT_AT + 4] = s[Q : Q + 4]
     refresh_bias(s, slow_of(core))
 
 

@@ -44,6 +44,14 @@ def gravity_at(x: float, y: float, z: float) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
+def plumb_at(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Unit vector along gravity at an ECEF point: down."""
+    a, b, c = gravity_at(x, y, z)
+    scale = 1.0 / math.sqrt(a * a + b * b + c * c)
+    return scale * a, scale * b, scale * c
+
+
+@njit(cache=True)
 def normal_gravity(r: Floats, g: Floats) -> None:
     """Gravity at the ECEF point ``r`` (3,) into ``g`` (3,)."""
     g[0], g[1], g[2] = gravity_at(r[0], r[1], r[2])

@@ -20,8 +20,9 @@ from nav_fusion.arrays import (
     Floats,
     slow_of,
 )
+from nav_fusion.correction import take_tilt_along
 from nav_fusion.earth import gravity_at
-from nav_fusion.observe import ALIGNED_S, take_tilt_along
+from nav_fusion.observe import ALIGNED_S
 from nav_fusion.state import (
     ALIVE,
     BIAS,

@@ -4,8 +4,8 @@ Until fixes show that the velocity is 0, the vertical gyro's bias turns the esti
 that stands, by degrees.  Tilt and accelerometer bias, which levelling has made one, are one by the
 body's axes all the while; a covariance whose tilt stayed behind would see them together in one
 direction after the other, and both would become known apart from nothing.  So what P says of tilt
-turns with the estimate (``observe.take_tilt_along``), as it does when a correction turns it; what
-bears gravity is vertical; and no fix turns the heading.  That is where to linearise, and no
+turns with the estimate (``correction.take_tilt_along``), as it does when a correction turns it;
+what bears gravity is vertical; and no fix turns the heading.  That is where to linearise, and no
 measurement: the estimate and what is known of rest stay as they are.
 
 It begins with a start that seems still, and ends for good when the sensors are not quiet or the
@@ -17,8 +17,9 @@ from __future__ import annotations
 from imu_noise_id.compiled import njit
 
 from nav_fusion.arrays import REPOSE, Core, sensing_of, update_of
+from nav_fusion.correction import whiten
 from nav_fusion.hypotheses import heaviest, settle_all
-from nav_fusion.observe import prepare_stop, whiten
+from nav_fusion.resting import prepare_stop
 
 
 @njit(cache=True)

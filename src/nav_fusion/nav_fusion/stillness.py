@@ -38,7 +38,8 @@ from nav_fusion.arrays import (
 )
 from nav_fusion.circle import fall_asleep, wake
 from nav_fusion.hypotheses import catch_up, heaviest, refresh_bias, settle_all
-from nav_fusion.observe import (
+from nav_fusion.repose import end_repose, is_known_to_move
+from nav_fusion.resting import (
     correct_by_rates,
     correct_by_stop,
     fixes_contradict,
@@ -46,7 +47,6 @@ from nav_fusion.observe import (
     is_slow,
     may_rest,
 )
-from nav_fusion.repose import end_repose, is_known_to_move
 from nav_fusion.state import ALIVE, SLOW, STRIDE, R
 
 SETTLING_BLOCKS, WATCHED_BLOCKS = 120.0, 480.0

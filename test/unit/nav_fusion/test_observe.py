@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from nav_fusion.alignment import hypotheses
 from nav_fusion.consistency import covariance_of
+from nav_fusion.correction import turn_tilt
 from nav_fusion.earth import ecef_from_geodetic, level_axes
 from nav_fusion.engine import Engine, joined
 from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise
 from nav_fusion.noise_terms import SlowTerm
-from nav_fusion.observe import turn_tilt
 from nav_fusion.parameters import Parameters
 from nav_fusion.solution import Solution, solve
 from nav_fusion.state import layout_of
