@@ -6,16 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from nav_fusion.alignment import hypotheses
-from nav_fusion.consistency import covariance_of
-from nav_fusion.correction import turn_tilt
-from nav_fusion.earth import ecef_from_geodetic, level_axes
 from nav_fusion.engine import Engine, joined
 from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise
 from nav_fusion.noise_terms import SlowTerm
 from nav_fusion.parameters import Parameters
 from nav_fusion.solution import Solution, solve
-from nav_fusion.state import layout_of
 from scipy.spatial.transform import Rotation
 
 from helpers.drive import ALTITUDE, EAST_M, GRAVITY, LATITUDE, LONGITUDE, START_NS, drive, play
@@ -60,21 +55,6 @@ def standing(
         place = LATITUDE + north_deg, LONGITUDE + east, ALTITUDE + metres[2]
         engine.add_fix(int(ns[-1]), *place)
     return end(engine, joined(rows))
-
-
-def test_what_is_known_of_the_tilt_turns_with_the_heading() -> None:
-    """Levelled at one heading and turned to another, P is that of levelling at the other."""
-    layout = layout_of(NOISE, False, False)
-    place = ecef_from_geodetic(0.7, 0.3, 200.0)
-    start, other = hypotheses(
-        layout, place, np.array([1.0, -2.0, 9.5]), np.array([0.4, 0.7]), 0.1, 1e-3, 5.0
-    )
-    m = layout.slow.target.size
-    up = level_axes(0.7, 0.3)[2]
-    turn_tilt(start, m, 0.3 * up)
-    turned, expected = (covariance_of(s, m) for s in (start, other))
-    assert np.array_equal(turned, turned.T)
-    assert turned == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("heading", [0.0, 1.2, -2.9])
