@@ -12,7 +12,7 @@ from scipy import fft
 from imu_noise_id.ambiguity import equal_names, upper_bounds
 from imu_noise_id.contamination import Contamination, find_contamination
 from imu_noise_id.courses import Explained, explain
-from imu_noise_id.dither import dithered
+from imu_noise_id.dither import dithered, fill_floor
 from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.gaps import draw_missing, interpolate, roughly_filled
@@ -147,12 +147,18 @@ def _analyse_mended(
     if observed.all():
         whole, coefficients, added = dithered(values, dt, rng)
         return _analyse(coefficients, dt, floor + added, *known), whole
+    unseen = _unseen(observed)
     filled = roughly_filled(values, observed, rng)
-    for _ in range(_draws(observed)):
-        grid = ordinates(cosine_coefficients(filled), dt)
-        smooth = select(without_peaks(grid), floor, (), SMOOTH)
+    least = _draws(observed)
+    for draw in range(MOST_DRAWS):
+        coefficients = cosine_coefficients(filled)
+        added = fill_floor(coefficients, dt, unseen)
+        if draw >= least and added == 0.0:
+            break
+        beneath = floor + added
+        smooth = select(without_peaks(ordinates(coefficients, dt)), beneath, (), SMOOTH)
         filled = _redrawn(values, observed, filled, smooth, 0.0, rng)
-    filled, coefficients, added = dithered(filled, dt, rng)
+    filled, coefficients, added = dithered(filled, dt, rng, unseen)
     floor = floor + added
     analysis = _analyse(coefficients, dt, floor, *known)
     course = analysis.deterministic(size, dt)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from imu_noise_id.estimation import SeriesModel, estimate_series
 from imu_noise_id.series import Series
+from scipy.signal import butter, lfilter
 
 RATE_HZ, DENSITY, SAMPLES, RECORDS = 100.0, 0.1, 2000, 8
 
@@ -42,3 +43,20 @@ def test_an_interval_is_wider_by_what_lost_samples_cost() -> None:
     assert whole == pytest.approx(np.sqrt(0.5 / SAMPLES), rel=0.02)
     # seen samples alone: 1/sqrt(0.9); with the scatter of what is drawn somewhat more
     assert 1.06 < relative(0.1) / whole < 1.3
+
+
+@pytest.mark.parametrize("share", [0.003, 0.05, 0.2])
+@pytest.mark.parametrize(("order", "corner"), [(1, 0.2), (2, 0.1)])
+def test_a_digital_low_pass_is_found_though_samples_are_lost(
+    share: float, order: int, corner: float
+) -> None:
+    rng = np.random.default_rng([42, order])
+    drive = rng.standard_normal(32_000)
+    values = lfilter(*butter(order, corner, fs=1.0), drive)[2000:]
+    observed = rng.random(values.size) > share
+    series = Series(np.where(observed, values, 0.0), observed, 1.0 / RATE_HZ)
+    white, limit = estimate_series(series, "u", rng).effects
+    assert (white.name, limit.name) == ("white_noise", "bandwidth_limit")
+    assert float(white.estimates[0].value) == pytest.approx(RATE_HZ**-0.5, rel=0.05)
+    if share < 0.2:  # a fifth lost leaves first order's corner a wide place
+        assert float(limit.estimates[0].value) == pytest.approx(corner * RATE_HZ, rel=0.03)
