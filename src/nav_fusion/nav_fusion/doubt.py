@@ -33,6 +33,9 @@ MATERIAL_CORRELATION = 0.05
 MATERIAL_LOUDNESS = 0.2
 """Nor an IMU whose single samples are noisier or quieter than its model by less."""
 
+FIX_KINDS = ("nis", "sums", "correlation")
+"""Of a :class:`Doubt` that the fixes raise."""
+
 TESTS = 1 + len(observe.SPAN_FIXES) + 1 + 2
 
 

@@ -24,11 +24,13 @@ from numpy.typing import NDArray
 from imu_noise_id import cdr
 from nav_fusion import arrays
 from nav_fusion.consistency import Innovations, innovations_of
+from nav_fusion.doubt import FIX_KINDS, doubts_of
 from nav_fusion.engine import Engine, Rows, Status, joined
 from nav_fusion.feeding import adder, inertial
 from nav_fusion.noise import AidRates, NavigationNoise, TurnOn, from_model, mems_defaults
 from nav_fusion.parameters import DEFAULTS, Parameters
 from nav_fusion.published import FIX_TOPIC, ODOMETRY_TOPIC, fix_messages, odometry_messages
+from nav_fusion.rivals import LONGEST_S, likelier
 from nav_fusion.solution import Solution, solve
 
 Stamps = NDArray[np.int64]
@@ -143,7 +145,28 @@ def fuse_columns(
             "second, perhaps; it must be rad/s"
         )
     solution = solve(rows.stamp_ns, rows.values, origin, parameters.lever_arm_m)
+    if any(d.holds and d.kind in FIX_KINDS for d in doubts_of(engine)):
+        said = (*said, *_likelier(columns, noise, parameters))
     return FuseResult(solution, origin, status, engine, said)
+
+
+def _likelier(
+    columns: Sequence[TopicColumns], noise: NavigationNoise, parameters: Parameters
+) -> tuple[str, ...]:
+    """Say which other setting the fixes of the beginning speak for, if for one."""
+    last = min(int(c.log_ns.min()) for c in columns if c.log_ns.size) + round(LONGEST_S * 1e9)
+    beginning = [
+        replace(c, stamp_ns=c.stamp_ns[k], log_ns=c.log_ns[k], values=c.values[:, k])
+        for c, k in ((c, c.log_ns <= last) for c in columns)
+    ]
+
+    def fused(p: Parameters) -> Engine:
+        engine = Engine(noise, p)
+        run(engine, beginning)
+        return engine
+
+    said = likelier(fused, parameters)
+    return () if said is None else (said,)
 
 
 def _apart(columns: Sequence[TopicColumns]) -> str:
