@@ -27,6 +27,8 @@ ones.
 """
 PARTS = 16
 """Of a record, in which the hits are counted: an outlier comes at any time."""
+GOLDEN = 0.6180339887498949
+"""Multiples of it leave remainders that fill 0 to 1 evenly."""
 ENOUGH = 2**18
 """Samples that tell a step or a median well enough."""
 COARSEST = 5.0
@@ -70,8 +72,9 @@ def find_contamination(series: Series, unit: str) -> Contamination:
     """
     seen = series.seen
     deviation = deviation_from_medians(seen, series.sample_time_s)
-    sigma = robust_sigma(deviation)
-    rounded = _rounding(seen, deviation, series.sample_time_s, unit)
+    step = rounding_step(seen[:ENOUGH]) or 0.0
+    sigma = robust_sigma(deviation, step)
+    rounded = _rounding(seen, deviation, step, sigma, series.sample_time_s, unit)
     hit = np.abs(deviation) > THRESHOLD * max(sigma, rounded.step)
     rate, scale = outlier_parameters(deviation[hit], seen.size, sigma)
     louder = scale < LOUDEST * sigma and _gather(hit)
@@ -106,9 +109,15 @@ def deviation_from_medians(seen: Floats, sample_time_s: float) -> Floats:
     return deviation
 
 
-def robust_sigma(deviation: Floats) -> float:
-    """1.4826 times the median absolute deviation; the standard deviation where that is zero."""
+def robust_sigma(deviation: Floats, step: float = 0.0) -> float:
+    """1.4826 times the median absolute deviation; the standard deviation where that is zero.
+
+    Values rounded to a step are first spread over it: a median is one of the steps, and may be a
+    third less than that of what was rounded.
+    """
     some = deviation[:: 1 + deviation.size // ENOUGH]
+    if step > 0.0:
+        some = some + step * (np.mod(GOLDEN * np.arange(some.size), 1.0) - 0.5)
     sigma = 1.4826 * float(np.median(np.abs(some)))
     return sigma if sigma > 0.0 else float(np.std(deviation))
 
@@ -158,13 +167,14 @@ class _Rounding:
     worth: float = 1.0
 
 
-def _rounding(seen: Floats, deviation: Floats, sample_time_s: float, unit: str) -> _Rounding:
-    step = rounding_step(seen[:ENOUGH])
-    if step is None:
+def _rounding(
+    seen: Floats, deviation: Floats, step: float, sigma: float, sample_time_s: float, unit: str
+) -> _Rounding:
+    if step == 0.0:
         return _Rounding(0.0, 0.0, ())
     effect = OutputRounding(step)
     effects = (FittedEffect(effect, (Estimate(step, None, None, None, unit),)),)
-    usual = np.abs(deviation) <= THRESHOLD * max(robust_sigma(deviation), step)
+    usual = np.abs(deviation) <= THRESHOLD * max(sigma, step)
     noise = rounded_noise(seen[usual], step)
     if noise is None:
         return _Rounding(step, effect.added_psd(sample_time_s), effects)

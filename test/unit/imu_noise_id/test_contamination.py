@@ -79,3 +79,23 @@ def test_the_course_of_the_medians_is_straight_between_the_middles_of_the_blocks
     middles = (np.arange(5) + 0.5) * size - 0.5
     course = np.interp(np.arange(values.size), middles, medians)
     np.testing.assert_allclose(deviation_from_medians(values, 2.0 / size), values - course)
+
+
+@pytest.mark.parametrize("steps", [0.4, 0.5, 0.7, 1.0, 1.4])
+def test_rounded_noise_has_no_outliers(steps):
+    for seed in range(8):
+        rng = np.random.default_rng([58, seed])
+        sigma = np.std(white(N, rng))
+        values = steps * sigma * np.rint(white(N, rng) / (steps * sigma) + seed / 8)
+        found = find_contamination(series(values), "u")
+        assert [e.name for e in found.effects] == ["output_rounding"]
+        assert found.observed.all()
+
+
+def test_a_median_between_two_steps_hides_no_rounding():
+    rng = np.random.default_rng(59)
+    half = np.abs(np.rint(white(N // 2, rng) / 10.0)) + 0.0
+    values = rng.permutation(np.concatenate((half + 1.0, -half)))  # as many above a half as beneath
+    assert np.median(values) == 0.5
+    found = find_contamination(series(values), "u")
+    assert "output_rounding" in [e.name for e in found.effects]

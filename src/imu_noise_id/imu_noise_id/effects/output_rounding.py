@@ -85,7 +85,8 @@ def rounding_step(values: Floats) -> float | None:
 def _refine(values: Floats, start: float) -> float | None:
     """Least-squares step about ``start``, or None where the values do not lie on its comb."""
     low, high = np.quantile(values, [0.01, 0.99])  # hits need not lie on the comb
-    x = np.unique(values[(values >= low) & (values <= high)]) - np.median(values)
+    middle = float(np.quantile(values, 0.5, method="lower"))  # a median may lie between two steps
+    x = np.unique(values[(values >= low) & (values <= high)]) - middle
     x = x[np.argsort(np.abs(x))]
     step = start
     reach = 4.0
@@ -97,5 +98,5 @@ def _refine(values: Floats, start: float) -> float | None:
         if near.size == x.size or reach > 1e7:
             break
         reach *= 2.0
-    off = np.abs((values - np.median(values)) / step - np.rint((values - np.median(values)) / step))
+    off = np.abs((values - middle) / step - np.rint((values - middle) / step))
     return step if np.mean(off < 0.1) >= 0.98 else None
