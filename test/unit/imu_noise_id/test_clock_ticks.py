@@ -84,3 +84,13 @@ def test_a_message_that_came_twice_keeps_the_place_of_the_first(rng):
 def test_equal_batches_are_left_to_those_who_know_that_the_last_sample_is_stamped(rng):
     stamp_ns = np.repeat(START + 50_000_000 * np.arange(COUNT // 10), 10)
     assert evened(stamp_ns, fresh(stamp_ns))[0] is stamp_ns
+
+
+def test_a_rate_that_changes_in_the_middle_is_no_clock_with_ticks():
+    half = np.concatenate(
+        [np.arange(3016) * 1_000_000, 3_016_000_000 + np.arange(3016) * 1_600_000]
+    )
+    stamp_ns = START + half.astype(np.int64)
+    found, notes = evened(stamp_ns, fresh(stamp_ns))
+    assert np.array_equal(found, stamp_ns)
+    assert notes == ()
