@@ -9,6 +9,8 @@ samples that share a stamp it was cannot be known.
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,7 +68,7 @@ def evened(stamp_ns: Stamps, fresh: Mask) -> tuple[Stamps, tuple[str, ...]]:
         return stamp_ns, ()
     new = np.ones(stamp_ns.size, dtype=bool)  # and not the same message again
     new[1:] = fresh[1:] | (stamp_ns[1:] != stamp_ns[:-1])
-    even = _on_even_grid(stamp_ns[new], tick)
+    even = _on_even_grid(stamp_ns if new.all() else stamp_ns[new], tick)
     if even is None:
         return stamp_ns, ()
     note = (
@@ -99,11 +101,12 @@ def _on_even_grid(stamp_ns: Stamps, tick: float) -> Stamps | None:
 
     First as if none were lost, then by the cells of the clock that the stamps keep.
     """
+    turns = _turns(stamp_ns, tick)
+    if turns < LEAST_TURNS:
+        return None
     elapsed = (stamp_ns - stamp_ns[0]).astype(np.float64)
-    ticks = np.rint(np.diff(elapsed) / tick)
-    turns = int(np.count_nonzero(ticks != np.median(ticks)))
     period = _local_period(elapsed, tick)
-    if turns < LEAST_TURNS or tick < COARSE * period or _in_batches(stamp_ns):
+    if tick < COARSE * period or _in_batches(stamp_ns):
         return None
     block = max(_BLOCK, round(_TURNS_PER_BLOCK * stamp_ns.size / turns))
     even, bend = _even(elapsed, np.arange(elapsed.size), block)
@@ -116,6 +119,17 @@ def _on_even_grid(stamp_ns: Stamps, tick: float) -> Stamps | None:
             return None
     placed: Stamps = stamp_ns[0] + np.rint(even).astype(np.int64)
     return placed if (placed[1:] > placed[:-1]).all() else None
+
+
+def _turns(stamp_ns: Stamps, tick: float) -> int:
+    """How many steps are a tick more or less than most; in parts, for most clocks have none."""
+    parts = range(0, stamp_ns.size - 1, _SEEN_STEPS)
+    counts: Counter[float] = Counter()
+    for first in parts:
+        steps = np.rint(np.diff(stamp_ns[first : first + _SEEN_STEPS + 1]) / tick)
+        values, times = np.unique(steps, return_counts=True)
+        counts.update(dict(zip(values.tolist(), times.tolist(), strict=True)))
+    return stamp_ns.size - 1 - max(counts.values())
 
 
 def _in_batches(stamp_ns: Stamps) -> bool:

@@ -29,7 +29,7 @@ from nav_fusion.arrays import (
 )
 from nav_fusion.correction import turn_tilt
 from nav_fusion.earth import plumb_at
-from nav_fusion.hypotheses import heaviest, refresh_bias, settle_all
+from nav_fusion.hypotheses import heaviest, refresh_bias, settle_all, some_sleep
 from nav_fusion.observe import ALIGNED_S
 from nav_fusion.resting import finds_north
 from nav_fusion.state import ALIVE, ASLEEP, LOG_WEIGHT, NAV, SLOW, STRIDE, TILT_AT, Q, R
@@ -40,12 +40,6 @@ STATE_APART, COVARIANCE_APART, WEIGHT_APART = 0.05, 0.02, 0.1
 sigmas of both states, and nats of log-likelihood."""
 AWAKENING = 3.0
 """Nats by which the five may differ before all are followed again."""
-
-
-@njit(cache=True)
-def some_sleep(core: Core) -> bool:
-    """Whether some hypotheses sleep; those of the circle's five never do."""
-    return core.bank.shape[0] > 1 and core.bank[1, ALIVE] == ASLEEP
 
 
 @njit(cache=True)

@@ -45,6 +45,8 @@ MEASURES = {
 AIDS = tuple(MEASURES)
 SHORTEST_STILL_S = 60.0
 """A shorter leading rest identifies nothing that the defaults do not know as well."""
+MOVING_SHARE = 0.1
+"""Of its beginning a platform must move, to tell of a delay or of where the antenna is."""
 GNSS_STILL_S = 600.0
 """A shorter rest does not show the receiver's colour."""
 FORMAT = "fuse/1"
@@ -145,9 +147,23 @@ def fuse_columns(
             "second, perhaps; it must be rad/s"
         )
     solution = solve(rows.stamp_ns, rows.values, origin, parameters.lever_arm_m)
-    if any(d.holds and d.kind in FIX_KINDS for d in doubts_of(engine)):
+    if _is_worth_asking(engine, solution):
         said = (*said, *_likelier(columns, noise, parameters))
     return FuseResult(solution, origin, status, engine, said)
+
+
+def _is_worth_asking(engine: Engine, solution: Solution) -> bool:
+    """Whether another delay or antenna may be why the fixes speak against the model.
+
+    They make fixes differ by more than expected, and of a platform that rests they show nothing.
+    """
+    beginning = solution.stamp_ns < solution.stamp_ns[0] + round(LONGEST_S * 1e9)
+    if np.mean(solution.still[beginning]) > 1.0 - MOVING_SHARE:
+        return False
+    return any(
+        d.holds and d.kind in FIX_KINDS and (d.kind == "correlation" or d.size > 1.0)
+        for d in doubts_of(engine)
+    )
 
 
 def _likelier(

@@ -31,9 +31,9 @@ from nav_fusion.arrays import (
     slow_of,
     update_of,
 )
-from nav_fusion.circle import AWAKENING, some_sleep, wake
+from nav_fusion.circle import AWAKENING, wake
 from nav_fusion.earth import gravity_at
-from nav_fusion.hypotheses import heaviest, refresh_bias, settle, settle_all
+from nav_fusion.hypotheses import heaviest, refresh_bias, settle, settle_all, some_sleep
 from nav_fusion.observe import (
     ALIGNED_S,
     KEPT_OUT,

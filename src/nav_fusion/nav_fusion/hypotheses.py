@@ -6,6 +6,7 @@ from imu_noise_id.compiled import njit
 
 from nav_fusion.arrays import (
     ACCEL_PSD,
+    CIRCLE_HEADINGS,
     GAP,
     GYRO_PSD,
     IMU_RING,
@@ -18,6 +19,7 @@ from nav_fusion.arrays import (
     VECTORS,
     Core,
     Floats,
+    circle_heading,
     slow_of,
 )
 from nav_fusion.correction import take_tilt_along
@@ -25,6 +27,7 @@ from nav_fusion.earth import gravity_at
 from nav_fusion.observe import ALIGNED_S
 from nav_fusion.state import (
     ALIVE,
+    ASLEEP,
     BIAS,
     ELAPSED,
     FORCE_SUM,
@@ -133,13 +136,24 @@ def covariance_step(core: Core) -> float:
 
 
 @njit(cache=True)
+def some_sleep(core: Core) -> bool:
+    """Whether some hypotheses sleep; those of the circle's five never do."""
+    return core.bank.shape[0] > 1 and core.bank[1, ALIVE] == ASLEEP
+
+
+@njit(cache=True)
 def heaviest(core: Core) -> int:
-    """Index of the living hypothesis of largest weight."""
-    best = -1
-    for h in range(core.bank.shape[0]):
-        if core.bank[h, ALIVE] > 0.0 and (
-            best < 0 or core.bank[h, LOG_WEIGHT] > core.bank[best, LOG_WEIGHT]
-        ):
+    """Index of the living hypothesis of largest weight; of the five alone where others sleep."""
+    bank, best = core.bank, -1
+    count = bank.shape[0]
+    if some_sleep(core):
+        for k in range(CIRCLE_HEADINGS):
+            h = circle_heading(k, count)
+            if best < 0 or bank[h, LOG_WEIGHT] > bank[best, LOG_WEIGHT]:
+                best = h
+        return best
+    for h in range(count):
+        if bank[h, ALIVE] > 0.0 and (best < 0 or bank[h, LOG_WEIGHT] > bank[best, LOG_WEIGHT]):
             best = h
     return best
 
