@@ -2,7 +2,7 @@
 
 A platform at rest with white noise, 1 kHz IMU and 10 Hz fixes, heading given.  Ours is fed as the
 live node is (a block of samples, then a fix), with fixes in time and 0.2 s late, and once with the
-samples alone.  pyins runs its
+samples alone; and how much of that passes inside the compiled filter.  pyins runs its
 feedback filter on the same arrays with its own time step; filterpy's ``KalmanFilter`` predicts per
 sample and updates per fix with 15 states and no mechanisation at all.  All in one process, in
 turns; medians over the turns.  Peers that are not installed are left out with a line.
@@ -16,7 +16,8 @@ import importlib.util
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,10 +28,13 @@ from nav_fusion.noise_terms import SlowTerm
 from nav_fusion.parameters import Parameters
 from numpy.typing import NDArray
 
+from nav_fusion import core
+
 RATE_HZ, FIX_RATE_HZ = 1000.0, 10.0
 PLACE = (47.0, 8.0, 400.0)
 GYRO_DENSITY, ACCEL_DENSITY, FIX_SIGMA_M = 1.7e-4, 2e-3, 0.3
 GYRO_BIAS, ACCEL_BIAS = 0.003, 0.05
+INSIDE = "ours, fixes in time: inside the compiled filter"
 SETTINGS = Parameters(
     initial_heading_rad=0.0,
     use_velocity=False,
@@ -82,6 +86,30 @@ def ours(s: Scene, late_s: float = 0.0, until_s: float = np.inf) -> None:
             engine.add_fix(int(stamp_ns[at]), *s.fix[k])
     engine.add_imu(stamp_ns[begin:], s.rate[begin:], s.force[begin:])
     assert engine.running
+
+
+@contextmanager
+def compiled_calls_timed() -> Iterator[list[float]]:
+    """Gather the seconds that pass inside the compiled filter, of all that the engine calls."""
+    spent: list[float] = []
+    kept = {name: getattr(core, name) for name in ("feed", "insert")}
+
+    def timed(call: Callable[..., object]) -> Callable[..., object]:
+        def wrapped(*arguments: object) -> object:
+            begun = time.perf_counter()
+            result = call(*arguments)
+            spent.append(time.perf_counter() - begun)
+            return result
+
+        return wrapped
+
+    for name, call in kept.items():
+        setattr(core, name, timed(call))
+    try:
+        yield spent
+    finally:
+        for name, call in kept.items():
+            setattr(core, name, call)
 
 
 def by_pyins(s: Scene) -> None:
@@ -158,6 +186,9 @@ def measured(seconds: float, peer_seconds: float, turns: int) -> list[dict[str, 
             begun = time.process_time()
             run(data)
             spent[label].append((time.process_time() - begun) / data.t[-1])
+        with compiled_calls_timed() as inside:
+            ours(long)
+        spent.setdefault(INSIDE, []).append(sum(inside) / long.t[-1])
     base = np.array(spent["ours, fixes in time"])
     return [
         {
