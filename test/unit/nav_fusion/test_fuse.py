@@ -19,7 +19,7 @@ from nav_fusion.noise import from_model
 from nav_fusion.parameters import Parameters
 from rosbags.highlevel import AnyReader
 
-from helpers.drive import drive, play, write
+from helpers.drive import Drive, drive, play, write
 from imu_noise_id import cdr
 
 MODEL = """\
@@ -52,6 +52,29 @@ def test_it_tells_how_far_it_is_as_often_as_it_says(tmp_path: Path) -> None:
     told: list[str] = []
     fuse_bag(write(drive(12.0), tmp_path / "bag"), done=told.append)
     assert len(told) == STEPS
+
+
+@pytest.mark.parametrize(
+    ("d", "late_ns", "asked"),
+    [
+        (drive(60.0), 0, False),
+        (drive(60.0), 200_000_000, True),
+        (drive(60.0, noise_m=0.05), 0, False),
+        (drive(60.0, rest_s=100.0, noise_m=1.5), 0, False),
+    ],
+    ids=["true", "late", "too careful", "loud at rest"],
+)
+def test_another_delay_is_sought_where_it_can_be_why_the_fixes_differ(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, d: Drive, late_ns: int, asked: bool
+) -> None:
+    from imu_noise_id.model_file import load_model
+
+    (tmp_path / "model.yaml").write_text(MODEL)
+    calls: list[Parameters] = []
+    monkeypatch.setattr("nav_fusion.fuse.likelier", lambda _, p: calls.append(p))
+    bag = write(replace(d, fix_ns=d.fix_ns + late_ns), tmp_path / "bag")
+    fuse_bag(bag, load_model(tmp_path / "model.yaml"), Parameters(initial_heading_rad=0.0))
+    assert bool(calls) == asked
 
 
 def test_the_command_writes_what_the_contract_says(
