@@ -32,7 +32,7 @@ from nav_fusion.arrays import (
     update_of,
 )
 from nav_fusion.circle import AWAKENING, wake
-from nav_fusion.earth import gravity_at
+from nav_fusion.earth import plumb_at
 from nav_fusion.hypotheses import heaviest, refresh_bias, settle, settle_all, some_sleep
 from nav_fusion.observe import (
     ALIGNED_S,
@@ -188,8 +188,7 @@ def spread(core: Core, best: int, mean: Floats, P: Floats) -> int:
     if s[ALIGNED_S] != 0.0:
         return 1
     here = heading_of(s, core)
-    x, y, z = gravity_at(s[R], s[R + 1], s[R + 2])
-    up = -1.0 / math.sqrt(x * x + y * y + z * z)
+    down = plumb_at(s[R], s[R + 1], s[R + 2])
     difference = np.zeros(NAV)
     total, turned2 = 0.0, 0.0
     alive = 0
@@ -205,7 +204,7 @@ def spread(core: Core, best: int, mean: Floats, P: Floats) -> int:
         for i in range(3):
             difference[i] = other[R + i] - s[R + i]
             difference[3 + i] = other[V + i] - s[V + i]
-        difference[6], difference[7], difference[8] = turn * up * x, turn * up * y, turn * up * z
+            difference[6 + i] = -turn * down[i]
         own, its = s[SLOW + m :], other[SLOW + m :]
         for i in range(NAV):
             mean[i] += weight * difference[i]
@@ -227,17 +226,17 @@ def spread(core: Core, best: int, mean: Floats, P: Floats) -> int:
 @njit(cache=True)
 def widen_heading(s: Floats, P: Floats, more: float) -> None:
     """Add to the variance about the vertical what the headings that sleep are turned by."""
-    g = gravity_at(s[R], s[R + 1], s[R + 2])
-    strength2 = g[0] * g[0] + g[1] * g[1] + g[2] * g[2]
+    down = plumb_at(s[R], s[R + 1], s[R + 2])
     for i in range(3):
         for j in range(3):
-            P[NAV * (6 + i) + 6 + j] += max(more, 0.0) * g[i] * g[j] / strength2
+            P[NAV * (6 + i) + 6 + j] += max(more, 0.0) * down[i] * down[j]
 
 
 @njit(cache=True)
 def circle_variance(count: int) -> float:
-    """Mean square turn from one heading to all of ``count`` on the circle, an even number."""
-    return (2.0 * math.pi / count) ** 2 * (count**2 + 2.0) / 12.0
+    """Mean square turn from one heading to all of ``count`` on the circle."""
+    ends = 2.0 if count % 2 == 0 else -1.0
+    return (2.0 * math.pi / count) ** 2 * (count**2 + ends) / 12.0
 
 
 @njit(cache=True)

@@ -37,7 +37,7 @@ USED, GATED, REPEATED, RECOVERED, NIS_SUM, DOF_SUM = 12, 13, 14, 15, 16, 17
 STREAK, STREAK_START_S, LAST_FIX, HAS_FIX, LAST_NIS = 18, 19, 20, 23, 24
 VELOCITY_USED, VELOCITY_GATED, HEADING_USED, HEADING_GATED, STILL_UPDATES = 25, 26, 27, 28, 29
 RECENT_NIS, WHITE_COUNT, WHITE_SUM, WHITE_PAST, ALIGNED_S = 30, 31, 32, 37, 52
-HEADING_STREAK, FIRST_FIX, VELOCITY_STREAK, RECENT_COUNT = 53, 54, 57, 58
+FIRST_FIX, VELOCITY_STREAK, RECENT_COUNT = 54, 57, 58
 RESULT = 59
 """Newest fix: innovation (3), its sigma (3), NIS, what became of it (``TAKEN`` and so on)."""
 LAG_ONE, SQUARES, DRIFT = 67, 70, 73
@@ -46,12 +46,6 @@ SLOW_DRIFT, VELOCITY_DRIFT = DRIFTS, DRIFTS + 3
 """The same over five times as many fixes, and of velocities."""
 DRIFT_WEIGHT, SLOW_WEIGHT = 0.02, 0.004
 """Of the newest in those means."""
-DRIFT_LIMIT, SLOW_LIMIT, COLOUR_LIMIT = 5.5, 5.0, 4.0
-"""How many sigma of them, and of the receiver's colour, contradict rest.
-
-Of 10 fixes a second the means do so by chance less than once in ten days, a colour of 30 s about
-once in two: rest that is contradicted by chance is believed again (``core.watch_denied``).
-"""
 RESULT_SIZE = 8
 TAKEN, KEPT_OUT, SAME_AGAIN, LOST = 1.0, 2.0, 3.0, 4.0
 """What became of a fix; lost is the filter that kept it out, and starts from nothing."""

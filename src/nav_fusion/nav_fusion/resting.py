@@ -21,13 +21,10 @@ from nav_fusion.correction import (
 )
 from nav_fusion.earth import EARTH_RATE_RAD_S, level_axes_at, plumb_at
 from nav_fusion.observe import (
-    COLOUR_LIMIT,
     DRIFT,
-    DRIFT_LIMIT,
     DRIFT_WEIGHT,
     RESULT,
     SLOW_DRIFT,
-    SLOW_LIMIT,
     SLOW_WEIGHT,
     STILL_UPDATES,
     VELOCITY_DRIFT,
@@ -35,6 +32,13 @@ from nav_fusion.observe import (
 )
 from nav_fusion.state import DRIFTS, LOG_WEIGHT, NAV, POSITION, SLOW, STRIDE, Q, R, SlowModel, V
 from nav_fusion.strapdown import rotation_matrix
+
+DRIFT_LIMIT, SLOW_LIMIT, COLOUR_LIMIT = 5.5, 5.0, 4.0
+"""How many sigma of them, and of the receiver's colour, contradict rest.
+
+Of 10 fixes a second the means do so by chance less than once in ten days, a colour of 30 s about
+once in two: rest that is contradicted by chance is believed again (``stillness.watch_denied``).
+"""
 
 
 @njit(cache=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from nav_fusion.engine import Engine
-from nav_fusion.headings import prune
+from nav_fusion.headings import circle_variance, prune
 from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise
 from nav_fusion.noise_terms import SlowTerm
 from nav_fusion.parameters import Parameters
@@ -42,3 +42,10 @@ def test_headings_that_have_met_are_one_only_with_one_bias_of_the_gyro(
         P[[9, 10, 11], [9, 10, 11]] = BIAS_SIGMA**2
     prune(core, 1.0)
     assert np.count_nonzero(core.bank[:, ALIVE]) == living
+
+
+@pytest.mark.parametrize("count", [8, 9, 32])
+def test_headings_on_the_circle_are_as_wide_as_their_turns(count: int) -> None:
+    turns = 2 * np.pi * np.arange(count) / count
+    turns = (turns + np.pi) % (2 * np.pi) - np.pi
+    assert circle_variance(count) == pytest.approx(np.mean(turns**2))
