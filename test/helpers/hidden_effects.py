@@ -12,6 +12,10 @@ model came, in which nothing is hidden: what would lie inside that model's inter
 Another name adds one more effect to such a sensor, in this recording only.  All by Whittle's
 formula on ordinates k/2T, expectations in the place of powers (``Strength``); a line, a narrow
 band and a shared noise, which no clean sensor imitates, and a burst by closed forms.
+
+What is far beyond any threshold however little there is of it (rounding, clipping, filters, what is
+done to stamps, outliers) is not graded in nats: ``amount_of`` hides half as much of it where half
+the nats of ``CLEAR_NATS`` are asked for.
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ IMU_CHANNELS = (
     *(f"linear_acceleration.{a}" for a in "xyz"),
 )
 CERTAIN = float("inf")
+CLEAR_NATS = 30.0
 KNOWN = 1e4
 
 
@@ -101,6 +106,11 @@ def recursion(
 
 
 # --- expected gains ---------------------------------------------------------------------------
+
+
+def amount_of(nats: float) -> float:
+    """How much of an effect that nats do not grade, of what there is when it is clear."""
+    return min(nats / CLEAR_NATS, 1.0)
 
 
 def gain_of_signal(signal: np.ndarray, sensor: Sensor, dt: float) -> float:
@@ -429,27 +439,30 @@ def hits(x, sensor, dt, nats, rng):
     count = max(int(nats / 30.0), 3)
     at = rng.choice(x.size, count, replace=False)
     out = x.copy()
-    out[at] += rng.choice([-1, 1], count) * rng.uniform(9.0, 25.0, count) * sigma
+    size = amount_of(nats) * sigma
+    out[at] += rng.choice([-1, 1], count) * rng.uniform(9.0, 25.0, count) * size
     return out, float(count) * 40.0
 
 
 def truncated(x, sensor, dt, nats, rng):
     """Floor to a grid with an offset."""
     sigma = sensor.white / np.sqrt(dt)
-    grid = sigma * rng.uniform(0.15, 0.8)
+    grid = amount_of(nats) * sigma * rng.uniform(0.15, 0.8)
     offset = rng.uniform(0.0, grid)
     return np.floor((x - offset) / grid) * grid + offset, CERTAIN
 
 
 def clipped(x, sensor, dt, nats, rng):
     limit = abs(sensor.level) + rng.uniform(1.8, 2.8) * x.std()
+    beyond = amount_of(nats) * float(np.mean(np.abs(x) > limit))
+    limit = limit if amount_of(nats) == 1.0 else float(np.quantile(np.abs(x), 1.0 - beyond))
     return np.clip(x, -limit, limit), CERTAIN
 
 
 def sluggish(x, sensor, dt, nats, rng):
     """The fast noise through a second-order low pass at eight times the rate, then sampled."""
     over = 8
-    f0 = rng.uniform(0.12, 0.3) / dt
+    f0 = rng.uniform(0.12, 0.3) / dt / np.sqrt(amount_of(nats))  # takes (f/f0)^2 of the low ones
     q = rng.uniform(0.5, 0.9)
     K = np.tan(np.pi * f0 * dt / over)
     norm = 1.0 / (1.0 + K / q + K * K)
@@ -466,7 +479,7 @@ def sluggish(x, sensor, dt, nats, rng):
 
 def smeared(x, sensor, dt, nats, rng):
     """A boxcar of one sample and a fraction."""
-    a = rng.uniform(0.1, 0.4)
+    a = amount_of(nats) * rng.uniform(0.1, 0.4)
     w = np.array([1.0, a]) / (1.0 + a)
     return np.convolve(x, w)[: x.size], CERTAIN
 
@@ -591,7 +604,7 @@ def _hide(
         other = str(rng.choice([n for n in names if n != name]))
         _share(out, (name, other), made, nats, rng)
     elif kind in ON_THE_TOPIC:
-        _transport(out, kind, rng)
+        _transport(out, kind, amount_of(nats), rng)
     elif kind != "nothing":
         raise ValueError(kind)
 
@@ -609,19 +622,21 @@ def _share(out: Hidden, pair: tuple[str, str], made: dict, nats: float, rng) -> 
     out.gain = nats
 
 
-def _transport(out: Hidden, kind: str, rng: np.random.Generator) -> None:
+def _transport(out: Hidden, kind: str, amount: float, rng: np.random.Generator) -> None:
+    """Half a hold is the least that there is, each value twice."""
     n = out.stamp_ns.size
     if kind == "held_samples":
-        factor = int(rng.integers(2, 6))
+        factor = int(rng.integers(2, 6)) if amount == 1.0 else 2
         phase = int(rng.integers(factor))
         index = np.maximum((np.arange(n) - phase) // factor * factor + phase, 0)
         out.values = {k: v[index] for k, v in out.values.items()}
     elif kind == "timestamp_jitter":
-        width = 0.08 / out.rate_hz
+        width = amount * 0.08 / out.rate_hz
         out.stamp_ns = out.stamp_ns + np.rint(rng.uniform(-width, width, n) * 1e9).astype(np.int64)
     else:
         keep = np.ones(n, dtype=bool)
-        for start in rng.choice(n - 60, int(rng.integers(5, 30)), replace=False):
+        losses = int(np.ceil(amount * int(rng.integers(5, 30))))
+        for start in rng.choice(n - 60, losses, replace=False):
             keep[start + 1 : start + 1 + int(rng.integers(2, 40))] = False
         out.stamp_ns = out.stamp_ns[keep]
         out.values = {k: v[keep] for k, v in out.values.items()}
