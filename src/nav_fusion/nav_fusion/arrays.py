@@ -58,7 +58,7 @@ LOST_NS = 14
 
 # one row of output: r, v, q, then these
 OUT_P, OUT_RATE, OUT_BIAS, OUT_BIAS_VARIANCE = 10, 91, 94, 100
-OUT_HYPOTHESES, OUT_STILL, OUT_SIZE = 106, 107, 108
+OUT_HYPOTHESES, OUT_STILL, OUT_RESTING, OUT_SIZE = 106, 107, 108, 109
 
 # the cursor's times, all of them ns, in the order of new_core's argument
 START, CHECKPOINT_PERIOD, PUBLISH_PERIOD, GAP, WINDOW, FURTHEST = 8, 9, 10, 11, 12, 13

@@ -18,6 +18,7 @@ from nav_fusion.arrays import (
     OUT_HYPOTHESES,
     OUT_P,
     OUT_RATE,
+    OUT_RESTING,
     OUT_STILL,
     OUTCOME,
     REPOSE,
@@ -33,7 +34,7 @@ from nav_fusion.arrays import (
 )
 from nav_fusion.circle import AWAKENING, wake
 from nav_fusion.earth import plumb_at
-from nav_fusion.hypotheses import heaviest, refresh_bias, settle, settle_all, some_sleep
+from nav_fusion.hypotheses import cross, heaviest, refresh_bias, settle, settle_all, some_sleep
 from nav_fusion.observe import (
     ALIGNED_S,
     KEPT_OUT,
@@ -45,7 +46,7 @@ from nav_fusion.observe import (
     correct_by_velocity,
 )
 from nav_fusion.state import ALIVE, BIAS, ELAPSED, LOG_WEIGHT, NAV, SLOW, STRIDE, Q, R, SlowModel, V
-from nav_fusion.strapdown import rotation_matrix
+from nav_fusion.strapdown import Three, rotation_matrix
 
 
 @njit(cache=True)
@@ -181,8 +182,11 @@ def correct(core: Core, index: int, sample: int) -> None:
 def spread(core: Core, best: int, mean: Floats, P: Floats) -> int:
     """What the mixture has beyond the heaviest: mean (9,), covariance (81,); returns how many live.
 
-    The attitude that is published is the heaviest's, so its spread is about that one.
+    The attitude that is published is the heaviest's, so its spread is about that one.  At rest a
+    velocity is what the accelerometer's noise has made of 0, along the body's axes: it is published
+    at the heading that is, or its noise would cancel over the circle and its variance would not.
     """
+    rests = core.shared[RESTING] == 1.0
     m = core.target.size
     s = core.bank[best]
     if s[ALIGNED_S] != 0.0:
@@ -201,9 +205,10 @@ def spread(core: Core, best: int, mean: Floats, P: Floats) -> int:
         total += weight
         turn = wrap(heading_of(other, core) - here) if h != best else 0.0
         turned2 += weight * turn * turn
+        v = turned_back((other[V], other[V + 1], other[V + 2]), down, turn if rests else 0.0)
         for i in range(3):
             difference[i] = other[R + i] - s[R + i]
-            difference[3 + i] = other[V + i] - s[V + i]
+            difference[3 + i] = v[i] - s[V + i]
             difference[6 + i] = -turn * down[i]
         own, its = s[SLOW + m :], other[SLOW + m :]
         for i in range(NAV):
@@ -221,6 +226,20 @@ def spread(core: Core, best: int, mean: Floats, P: Floats) -> int:
     if some_sleep(core):
         widen_heading(s, P, circle_variance(core.bank.shape[0]) - turned2 / total)
     return alive
+
+
+@njit(cache=True)
+def turned_back(v: Three, down: Floats, angle: float) -> Three:
+    """Turn a vector against a heading's ``angle`` (Rodrigues' formula, about ``down``)."""
+    d = (down[0], down[1], down[2])
+    c, s = math.cos(angle), math.sin(angle)
+    along = (1.0 - c) * (d[0] * v[0] + d[1] * v[1] + d[2] * v[2])
+    across = cross(d, v)
+    return (
+        c * v[0] + s * across[0] + along * d[0],
+        c * v[1] + s * across[1] + along * d[1],
+        c * v[2] + s * across[2] + along * d[2],
+    )
 
 
 @njit(cache=True)
@@ -250,7 +269,7 @@ def write_output(core: Core, k: int, row: Floats) -> None:
     mean = np.zeros(NAV)
     row[:] = 0.0
     row[OUT_HYPOTHESES] = spread(core, best, mean, row[OUT_P : OUT_P + NAV * NAV])
-    row[OUT_STILL] = core.shared[STILL]
+    row[OUT_STILL], row[OUT_RESTING] = core.shared[STILL], core.shared[RESTING]
     s = core.bank[best]
     if s[ELAPSED] > 0.0:
         core.ahead[:] = s

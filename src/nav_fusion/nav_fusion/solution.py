@@ -138,12 +138,19 @@ def level_quaternion(latitude: float, longitude: float, out: Floats) -> None:
 
 
 @njit(cache=True)
-def fill_jacobian(T: Floats, C: Floats, v: Floats, axes: Floats, arm: Floats, J: Floats) -> None:
-    """J (ERRORS, NAV) of pose, velocity, body velocity C'v and antenna r + arm, in its axes."""
+def fill_jacobian(
+    T: Floats, C: Floats, v: Floats, axes: Floats, arm: Floats, rests: bool, J: Floats
+) -> None:
+    """J (ERRORS, NAV) of pose, velocity, body velocity C'v and antenna r + arm, in its axes.
+
+    At rest a velocity is noise along the body's axes, whatever the attitude.
+    """
     for i in range(3):
         J[POSE + i, 0:3] = J[POSE + 3 + i, 6:9] = J[LEVEL_VELOCITY + i, 3:6] = T[i]
         J[TWIST + i, 3:6] = C[:, i]
         cross_row(C[:, i], v, J[TWIST + i, 6:9])
+        if rests:
+            J[TWIST + i, 6:9] = 0.0
         J[PLACE + i, 0:3] = axes[i]
         cross_row(arm, axes[i], J[PLACE + i, 6:9])
 
@@ -195,7 +202,7 @@ def solve_rows(
         la, lo, altitude = geodetic_at(r[0] + arm[0], r[1] + arm[1], r[2] + arm[2])
         mean[ANTENNA], mean[ANTENNA + 1], mean[ANTENNA + 2] = la, lo, altitude
         fill_axes(math.sin(la), math.cos(la), math.sin(lo), math.cos(lo), axes)
-        fill_jacobian(T, C, v, axes, arm, J)
+        fill_jacobian(T, C, v, axes, arm, row[arrays.OUT_RESTING] == 1.0, J)
         spread(J, row[arrays.OUT_P : arrays.OUT_P + NAV * NAV], JP, S)
         covariances.pose[k] = S[POSE:LEVEL_VELOCITY, POSE:LEVEL_VELOCITY]
         covariances.pose[k, 5, 5] = min(S[POSE + 5, POSE + 5], LARGEST_HEADING_VARIANCE)

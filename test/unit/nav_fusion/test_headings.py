@@ -9,9 +9,10 @@ from nav_fusion.headings import circle_variance, prune
 from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise
 from nav_fusion.noise_terms import SlowTerm
 from nav_fusion.parameters import Parameters
+from nav_fusion.solution import Solution, solve
 from nav_fusion.state import ALIVE, BIAS, LOG_WEIGHT, NAV, SLOW, STRIDE
 
-from helpers.drive import drive, play
+from helpers.drive import ALTITUDE, LATITUDE, LONGITUDE, drive, play
 
 BIAS_SIGMA = 0.01
 GYRO = AxisNoise(1e-4, (SlowTerm(BIAS_SIGMA, float("inf"), 0.0, "turn_on_bias"),))
@@ -49,3 +50,27 @@ def test_headings_on_the_circle_are_as_wide_as_their_turns(count: int) -> None:
     turns = 2 * np.pi * np.arange(count) / count
     turns = (turns + np.pi) % (2 * np.pi) - np.pi
     assert circle_variance(count) == pytest.approx(np.mean(turns**2))
+
+
+def at_rest(seed: int, heading_rad: float) -> Solution:
+    parameters = Parameters(
+        use_magnetometer=False,
+        use_velocity=False,
+        initial_heading_rad=heading_rad,
+        initial_heading_sigma_rad=0.02,
+    )
+    rows = play(Engine(NOISE, parameters), drive(seconds=40.0, rest_s=100.0, seed=seed))
+    return solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
+
+
+def test_at_rest_velocity_is_told_alike_whether_the_heading_is_known_or_not() -> None:
+    """It is the accelerometer's noise since the last velocity of 0, along the body's axes."""
+    for seed in range(4):
+        known, unknown = (at_rest(seed, heading) for heading in (0.0, np.nan))
+        assert (known.hypotheses[-1], unknown.hypotheses[-1]) == (1, 32)
+        sigma = np.sqrt(np.diagonal(known.twist_covariance[-50:, :3, :3], axis1=1, axis2=2))
+        apart = unknown.body_velocity[-50:] - known.body_velocity[-50:]
+        assert np.all(np.abs(apart) < 0.1 * sigma)
+        assert np.std(known.body_velocity[-50:] / sigma) > 0.5
+        its = np.sqrt(np.diagonal(unknown.twist_covariance[-50:, :3, :3], axis1=1, axis2=2))
+        assert np.allclose(its, sigma, rtol=0.05)
