@@ -229,9 +229,8 @@ def spread(core: Core, best: int, mean: Floats, P: Floats) -> int:
 
 
 @njit(cache=True)
-def turned_back(v: Three, down: Floats, angle: float) -> Three:
-    """Turn a vector against a heading's ``angle`` (Rodrigues' formula, about ``down``)."""
-    d = (down[0], down[1], down[2])
+def turned_back(v: Three, d: Three, angle: float) -> Three:
+    """Turn a vector against a heading's ``angle`` (Rodrigues' formula, about down)."""
     c, s = math.cos(angle), math.sin(angle)
     along = (1.0 - c) * (d[0] * v[0] + d[1] * v[1] + d[2] * v[2])
     across = cross(d, v)
