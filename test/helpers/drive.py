@@ -61,6 +61,13 @@ def without_fixes(d: Drive, from_s: float, to_s: float) -> Drive:
     return replace(d, fix_ns=d.fix_ns[keep], fix=d.fix[keep])
 
 
+def until(d: Drive, seconds: float) -> Drive:
+    """Cut a drive off."""
+    n = int(np.searchsorted(d.stamp_ns, START_NS + round(seconds * 1e9)))
+    k = int(np.searchsorted(d.fix_ns, START_NS + round(seconds * 1e9)))
+    return Drive(d.stamp_ns[:n], d.rate[:n], d.force[:n], d.fix_ns[:k], d.fix[:k])
+
+
 def play(
     engine: Engine,
     d: Drive,

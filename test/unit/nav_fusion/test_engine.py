@@ -8,36 +8,23 @@ import numpy as np
 import pytest
 from nav_fusion.consistency import covariance_of, innovations_of, is_symmetric_positive, mean_band
 from nav_fusion.engine import Engine
-from nav_fusion.noise import AidNoise, AxisNoise, NavigationNoise, mems_defaults
-from nav_fusion.noise_terms import SlowTerm
+from nav_fusion.noise import AidNoise, mems_defaults
 from nav_fusion.parameters import Parameters
 from nav_fusion.solution import solve
 
 from helpers.drive import (
     ALTITUDE,
     EAST_M,
-    GRAVITY,
     LATITUDE,
     LONGITUDE,
     START_NS,
     Drive,
     drive,
     play,
+    until,
     without_fixes,
 )
-
-HEADED = Parameters(initial_heading_rad=0.0, use_magnetometer=False, use_velocity=False)
-GYRO = AxisNoise(1e-4, (SlowTerm(0.005, float("inf"), 1e-6, "rate_random_walk"),))
-ACCEL = AxisNoise(2e-3, (SlowTerm(0.05, float("inf"), 1e-5, "rate_random_walk"),))
-NOISE = NavigationNoise(
-    (GYRO,) * 3, (ACCEL,) * 3, (AidNoise(0.3),) * 3, (AidNoise(0.1),) * 3, AidNoise(0.05)
-)
-
-
-def fused(d: Drive, parameters: Parameters = HEADED, **how: object) -> tuple[Engine, object]:
-    engine = Engine(NOISE, parameters)
-    rows = play(engine, d, **how)  # type: ignore[arg-type]
-    return engine, rows
+from helpers.headed import HEADED, NOISE, fused
 
 
 def test_the_position_is_found_and_its_sigma_is_true() -> None:
@@ -104,58 +91,6 @@ def test_any_start_heading_is_found_once_moving(heading: float) -> None:
     assert solution.heading_sigma[-1] < 0.1
 
 
-def circle(speed: float, radius: float, seconds: float = 60.0, seed: int = 3) -> Drive:
-    """A level car on a circle from the first sample on: as smooth as rest to an IMU."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(round(seconds * 100)) / 100.0
-    turn = speed / radius
-    rate = np.stack([0 * t, 0 * t, 0 * t + turn], 1) + rng.normal(0, 1e-3, (t.size, 3))
-    force = np.stack([0 * t, 0 * t + speed * turn, 0 * t + GRAVITY], 1)
-    force += rng.normal(0, 0.02, force.shape)
-    k = np.arange(0, t.size, 20)
-    east, north = radius * np.sin(turn * t[k]), radius * (1.0 - np.cos(turn * t[k]))
-    noise = rng.normal(0, 0.3, (k.size, 3))
-    cosine = np.cos(np.radians(LATITUDE))
-    fix = np.stack(
-        [
-            LATITUDE + np.degrees((north + noise[:, 1]) / 6.37e6),
-            LONGITUDE + np.degrees((east + noise[:, 0]) / (EAST_M * cosine)),
-            ALTITUDE + noise[:, 2],
-        ],
-        axis=1,
-    )
-    stamp_ns = START_NS + np.rint(t * 1e9).astype(np.int64)
-    return Drive(stamp_ns, rate, force, stamp_ns[k], fix)
-
-
-@pytest.mark.parametrize(("speed", "radius"), [(8.0, 40.0), (5.0, 50.0), (5.0, 18.0)])
-def test_a_smooth_turn_from_the_first_sample_is_not_taken_for_rest(
-    speed: float, radius: float
-) -> None:
-    """Levelled on the turn's force and sure of it, the filter was lost for good."""
-    d = circle(speed, radius)
-    engine, rows = fused(d, replace(HEADED, initial_heading_rad=float("nan")))
-    solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
-    status = engine.status()
-    assert status.fault is None
-    assert status.gated == 0
-    turn = speed / radius * ((rows.stamp_ns[-1] - START_NS) * 1e-9)
-    apart = (solution.heading[-1] - turn + np.pi) % (2.0 * np.pi) - np.pi
-    assert abs(apart) < 4.0 * solution.heading_sigma[-1] + 0.02
-    expected = [radius * np.sin(turn), radius * (1.0 - np.cos(turn)), 0.0]
-    sigma = np.sqrt(np.diag(solution.pose_covariance[-1])[:3])
-    assert np.all(np.abs(solution.position[-1] - expected) < 4.0 * sigma + 0.05)
-
-
-def test_whether_the_start_moves_does_not_depend_on_when_fixes_arrive() -> None:
-    d = circle(2.8, 70.0, 20.0)  # so slow that half a second of fixes more would tell
-    late_s = np.full(d.fix_ns.size, 0.45)
-    late_s[-1] = 0.0
-    in_order, _ = fused(d)
-    late, _ = fused(d, late_s=late_s)
-    assert np.array_equal(in_order.state(), late.state())
-
-
 def test_standing_without_magnetometer_the_heading_is_not_observable() -> None:
     engine, rows = fused(
         drive(10.0, rest_s=100.0), replace(HEADED, initial_heading_rad=float("nan"))
@@ -216,91 +151,7 @@ def test_an_outage_widens_the_sigma_and_ends() -> None:
     assert sigma[-1] < 1.5 * sigma[t < 15][-1]
 
 
-def test_an_even_drive_with_quiet_sensors_is_not_taken_for_rest() -> None:
-    d = drive(60.0, rest_s=100.0)
-    t = (d.fix_ns - START_NS) * 1e-9
-    metres = EAST_M * np.cos(np.radians(LATITUDE))
-    east = np.stack([0 * t, np.degrees(0.5 * t / metres), 0 * t], axis=1)
-    engine, rows = fused(replace(d, fix=d.fix + east))
-    solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
-    late = slice(solution.stamp_ns.size // 2, None)
-    error = solution.position[late, 0] - 0.5 * (solution.stamp_ns[late] - START_NS) * 1e-9
-    assert np.max(np.abs(error) / np.sqrt(solution.pose_covariance[late, 0, 0])) < 4.5
-    assert engine.status().still_updates == 0
-
-
-def moved(d: Drive, metres: np.ndarray) -> Drive:
-    """Shift the fixes east."""
-    fix = d.fix.copy()
-    fix[:, 1] += np.degrees(metres / (EAST_M * np.cos(np.radians(LATITUDE))))
-    return replace(d, fix=fix)
-
-
-def test_rest_that_fixes_contradicted_by_mistake_is_believed_again() -> None:
-    d = drive(300.0, rest_s=300.0)
-    t = (d.fix_ns - START_NS) * 1e-9
-    d = moved(d, np.where((t > 60) & (t < 75), 0.8, 0.0))
-    counts = []
-    for seconds in (80.0, 160.0, 300.0):
-        engine = Engine(NOISE, HEADED)
-        play(engine, until(d, seconds))
-        counts.append(engine.status().still_updates)
-    assert counts[0] < 4 * 65  # denied from about the first fix that was off
-    assert counts[1] == counts[0]
-    assert counts[2] > counts[1] + 4 * 50
-
-
-def until(d: Drive, seconds: float) -> Drive:
-    """Cut a drive off."""
-    n = int(np.searchsorted(d.stamp_ns, START_NS + round(seconds * 1e9)))
-    k = int(np.searchsorted(d.fix_ns, START_NS + round(seconds * 1e9)))
-    return Drive(d.stamp_ns[:n], d.rate[:n], d.force[:n], d.fix_ns[:k], d.fix[:k])
-
-
-@pytest.mark.parametrize("aided", [True, False])
-def test_a_slow_even_motion_is_not_rest_where_fixes_or_velocities_show_it(aided: bool) -> None:
-    d = drive(150.0, rest_s=150.0)
-    t = (d.fix_ns - START_NS) * 1e-9
-    d = moved(d, 0.1 * np.maximum(t - 60.0, 0.0))
-    colour = AidNoise(0.3, (SlowTerm.gauss_markov(0.8, 30.0, "gauss_markov"),))
-    parameters = replace(HEADED, use_velocity=True)
-    engine = Engine(replace(NOISE, position=(colour if aided else AidNoise(0.3),) * 3), parameters)
-    rng = np.random.default_rng(9)
-    begin = 0
-    for k, ns in enumerate(d.fix_ns):
-        end = int(np.searchsorted(d.stamp_ns, ns))
-        engine.add_imu(d.stamp_ns[begin:end], d.rate[begin:end], d.force[begin:end])
-        begin = end
-        engine.add_fix(int(ns), *d.fix[k])
-        if aided:
-            speed = 0.1 if t[k] > 60 else 0.0
-            engine.add_velocity(int(ns), np.array((speed, 0.0, 0.0)) + rng.normal(0, 0.1, 3))
-    assert 4 * 40 < engine.status().still_updates < 4 * 90
-
-
-def test_at_rest_the_velocity_is_known_to_what_the_accelerometer_walks_in_a_block() -> None:
-    engine, rows = fused(drive(60.0, rest_s=100.0))
-    solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
-    sigma = np.sqrt(solution.velocity_covariance[-500:, 0, 0])
-    assert engine.status().still_updates > 100
-    assert sigma.max() < 2 * 2e-3 * np.sqrt(0.25)
-    nees = np.sum((solution.velocity[-500:] / sigma[:, None]) ** 2, axis=1)
-    assert nees.mean() < 5.0
-
-
 # ---------------------------------------------------------------- bad input
-
-
-def test_at_rest_neither_heading_nor_tilt_become_known_from_nothing() -> None:
-    """Tilt is known to the accelerometer's bias over gravity, heading as well as at the start."""
-    parameters = replace(HEADED, initial_heading_sigma_rad=0.1)
-    engine, rows = fused(drive(90.0, rest_s=200.0, seed=5), parameters)
-    solution = solve(rows.stamp_ns, rows.values, (LATITUDE, LONGITUDE, ALTITUDE))
-    east, north, heading = np.sqrt(np.diag(solution.pose_covariance[-1]))[3:]
-    assert engine.status().still_updates > 200
-    assert min(east, north) > 0.98 * 0.05 / 9.81
-    # what the gyro's bias had turned it by until rest was known (0.110 rad were left) is taken back
-    assert 0.0999 < heading < 0.105
 
 
 @pytest.mark.parametrize(
