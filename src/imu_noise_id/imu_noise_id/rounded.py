@@ -28,6 +28,8 @@ _PLACES = (np.arange(512) - 255.5) * (1.5 / 512)
 _EDGES = np.arange(-_REACH - 0.5, _REACH + 1.0)
 _REFINED = 4
 _LEAST_WORTH = 0.01
+_STRAY = 1e-6
+"""Chance of a value that no noise explains."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,9 @@ def rounded_noise(values: Floats, step: float) -> RoundedNoise | None:
     blocks = [size for size in _BLOCKS if 2 * size <= values.size]
     if not blocks:
         return None
-    comb = np.rint(values / step)
-    comb = comb[: comb.size // blocks[-1] * blocks[-1]] - np.median(comb)
+    middle = np.quantile(values, 0.5, method="lower")  # one of the steps, wherever these lie
+    comb = np.rint((values - middle) / step)
+    comb = comb[: comb.size // blocks[-1] * blocks[-1]]
     counts = [_counts(comb, size) for size in blocks]
     if _variance(counts[0]) > 1.0 / FINE**2 + 1.0 / 12.0:
         return None
@@ -81,14 +84,33 @@ def rounded_noise(values: Floats, step: float) -> RoundedNoise | None:
     return RoundedNoise(sigma * step, error, (variance - sigma**2) * step**2, worth)
 
 
+def likeliest_means(blocks: Floats, step: float, sigma: float) -> Floats:
+    """Means before rounding of Gaussian noise of known deviation, one for each block; (b,).
+
+    Parameters
+    ----------
+    blocks : (b, m) float64
+        Samples in steps; single ones may lie anywhere.
+    step, sigma : float
+    """
+    middle = np.quantile(blocks, 0.5, method="lower")
+    comb = np.rint((blocks - middle) / step)
+    each = _counts(comb, blocks.shape[1]) @ np.log(np.maximum(_shares(sigma / step), _STRAY)).T
+    return np.asarray(middle + step * (_middles(comb)[:, 0] + _PLACES[np.argmax(each, axis=1)]))
+
+
 def _counts(comb: Floats, size: int) -> Floats:
     """How often each step about the middle of a block comes in it, (blocks, steps)."""
     blocks = comb.reshape(-1, size)
-    steps = np.clip(blocks - np.rint(blocks.mean(axis=1, keepdims=True)), -_REACH, _REACH)
+    steps = np.clip(blocks - _middles(blocks), -_REACH, _REACH)
     width = 2 * _REACH + 1
     place = (steps + _REACH).astype(np.int64) + width * np.arange(blocks.shape[0])[:, np.newaxis]
     counts = np.bincount(place.ravel(), minlength=width * blocks.shape[0])
     return counts.reshape(-1, width).astype(np.float64)
+
+
+def _middles(blocks: Floats) -> Floats:
+    return np.asarray(np.rint(blocks.mean(axis=1, keepdims=True)))
 
 
 def _variance(counts: Floats) -> float:
@@ -101,12 +123,16 @@ def _variance(counts: Floats) -> float:
 
 def _log_likelihood(counts: Floats, log_sigma: float) -> float:
     """Of the standard deviation in steps, the mean's place in each block integrated over."""
-    z = (_EDGES - _PLACES[:, np.newaxis]) * np.exp(-log_sigma)
+    each = counts @ np.log(np.maximum(_shares(float(np.exp(log_sigma))), 1e-300)).T
+    return float(np.sum(special.logsumexp(each, axis=1) - np.log(_PLACES.size)))
+
+
+def _shares(sigma: float) -> Floats:
+    """Chance of each step for a mean at each place, (places, steps); sigma in steps."""
+    z = (_EDGES - _PLACES[:, np.newaxis]) / sigma
     z[:, 0], z[:, -1] = -np.inf, np.inf
     near = np.where(z[:, :-1] > 0.0, -1.0, 1.0)  # the tail that keeps its digits
-    share = np.abs(special.ndtr(near * z[:, 1:]) - special.ndtr(near * z[:, :-1]))
-    each = counts @ np.log(np.maximum(share, 1e-300)).T
-    return float(np.sum(special.logsumexp(each, axis=1) - np.log(_PLACES.size)))
+    return np.asarray(np.abs(special.ndtr(near * z[:, 1:]) - special.ndtr(near * z[:, :-1])))
 
 
 def _peak(counts: Floats, start: float, reach: float) -> tuple[float, float]:

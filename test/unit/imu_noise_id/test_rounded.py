@@ -58,3 +58,9 @@ def test_what_is_hidden_is_said_to_be_at_most():
     series = Series(rounded(6.0, 0.5, 0), np.ones(SAMPLES, dtype=bool), 0.01)
     (note,) = estimate_series(series, "u", np.random.default_rng(0)).notes
     assert float(note.split("at most ")[1].split()[0]) > 0.1
+
+
+def test_steps_may_lie_halfway_between_the_multiples():
+    places = [rounded(3.0, 0.2, 1), rounded(3.0, 0.2, 1) + 1.5]
+    here, halfway = (rounded_noise(values, 3.0) for values in places)
+    assert halfway.sigma == pytest.approx(here.sigma, rel=1e-6)

@@ -17,6 +17,7 @@ from imu_noise_id.effects.saturation import one_sided_limit
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
 from imu_noise_id.model import ChannelModel
 from imu_noise_id.ordinates import fast_length
+from imu_noise_id.reconcile import unrounded
 from imu_noise_id.reconcile.battery import BURST_BLOCKS
 from imu_noise_id.reconcile.compare import Finding
 from imu_noise_id.reconcile.contamination import (
@@ -36,23 +37,28 @@ from imu_noise_id.reconcile.explain import quieten
 from imu_noise_id.reconcile.filling import filled, lifted
 from imu_noise_id.reconcile.lines import PRESENT_NATS, given_span, has_span, line_index, steadied
 from imu_noise_id.reconcile.null import load_null, log_p_of, z_of
+from imu_noise_id.reconcile.prior import given_effects
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE, Where
 from imu_noise_id.reconcile.state import State, analyse, inverse_psd
+from imu_noise_id.reconcile.unrounded import (
+    SHORTEST,
+    Steps,
+    first_draw,
+    too_few_values,
+    white_deviation,
+    white_stride,
+)
 from imu_noise_id.reconcile.work import TYPED_SIZE_ERROR, Work, drafted, initial_state
 from imu_noise_id.recording import DERIVED, Channel, Floats, Recording
 from imu_noise_id.series import Series, to_series
 
 COARSE = 0.8
-MOVED = 0.645
-"""Root mean square of a rounded record's differences, in steps, from which on its errors are white:
-then the course itself moves by half a step, and they are correlated by exp(-2 pi^2/4)."""
 MOST_BRIDGED = 0.01
 """Share of missing samples that may be bridged: what is slow has as much more power."""
 STAIRS = frozenset(
     {"kurtosis", "skewness", "extreme", "burst", "patch", "levels", "modulation", "line"}
 )
 """Statistics of what stands still for a while and jumps, under any spectrum."""
-SHORTEST = 256
 STRETCHES = 32
 CLUSTERED_LOG_P = -9.0
 TAILS_LOG_P = -14.0
@@ -62,6 +68,12 @@ _ONE_SIDED = (
     "which no full scale does"
 )
 _STAIRS = "in steps of {:.3g} {} it hardly moves from one sample to the next: {} alone is compared"
+_DRAWN = (
+    "steps of {:.3g} {} are {:.1f} standard deviations of its noise, {} distinct values: what is "
+    "compared are draws of what was rounded"
+)
+ON_A_STEP = 0.1
+"""Steps from the nearest multiple; what was mended is nowhere."""
 GIVEN_LOG_P = float(np.log(1e-4))
 
 
@@ -89,6 +101,8 @@ def open_topic(
         model = models[channel.name]
         whole = series[channel.name]
         if whole.values.size < SHORTEST or np.ptp(whole.values[whole.observed]) == 0.0:
+            continue
+        if too_few_values(channel, model):
             continue
         picked = fresh if fresh is not None else np.arange(whole.values.size)
         said = given.get("held_samples")
@@ -252,6 +266,9 @@ def _rounded(
     stairs, which no spectrum of white errors fits.
     """
     index = picked if work.hold > 1.0 else np.arange(whole.values.size)
+    drawn = _unrounded(work, step, whole.observed[index], rng)
+    if drawn is not None:
+        return drawn
     stride = white_stride(whole.values[index], step)
     if stride != 1:
         compared = f"every {stride}th sample" if stride else "its spectrum"
@@ -267,14 +284,28 @@ def _rounded(
     return replace(work, skip=work.skip | _coarse(work.state))
 
 
-def white_stride(values: Floats, step: float) -> int:
-    """Samples after which a rounded record has moved enough for white errors; 0 if it never has."""
-    stride = 1
-    while values.size // stride >= SHORTEST:
-        if float(np.mean((values[stride:] - values[:-stride]) ** 2)) >= (MOVED * step) ** 2:
-            return stride
-        stride += max(stride // 4, 1)
-    return 0
+def _unrounded(
+    work: Work, step: float, observed: np.ndarray, rng: np.random.Generator
+) -> Work | None:
+    """Work on draws of what was rounded, where the steps are coarse but not too much so."""
+    state = work.state
+    effects = given_effects(state.effects, state.prior)
+    if not (step and effects) or state.dither:
+        return None
+    inverse = inverse_psd(effects, state.values.size, state.sample_time_s, 0.0)
+    sigma = white_deviation(inverse, state.sample_time_s)
+    if not unrounded.COARSE * sigma < step <= unrounded.COARSEST * sigma:
+        return None
+    values = state.values
+    base = np.quantile(values, 0.5, method="lower")
+    off = np.abs((values - base) / step - np.rint((values - base) / step)) > ON_A_STEP
+    seed = tuple(rng.integers(2**32, size=2).tolist())
+    steps = first_draw(values, off | ~observed[: values.size], step, sigma, seed)
+    drawn = replace(state, values=steps.drawn, effects=effects, floor=0.0)
+    work = replace(work, steps=steps).analysed(drawn).drawn_under(effects)
+    distinct = np.unique(np.rint((values[~off] - base) / step)).size
+    note = _DRAWN.format(step, work.channel.unit, step / sigma, distinct)
+    return replace(work, skip=_skips(work.model, work), notes=(*work.notes, note))
 
 
 def _unclip(work: Work, given: Effect, rng: np.random.Generator) -> Work:
@@ -394,6 +425,7 @@ def answer_hits(work: Work, rng: np.random.Generator) -> Work:
             work,
             skip=work.skip | {"extreme", "kurtosis"},
             lasting=(*work.lasting, Finding("tails", tails, z_of(tails), place)),
+            steps=without_hits(work, hits.mask, values),
         ).analysed(work.state.with_values(values))
     else:
         after = work
@@ -401,6 +433,14 @@ def answer_hits(work: Work, rng: np.random.Generator) -> Work:
         return after
     before = replace(work, unmet=(*work.unmet, _finding(change)))
     return drafted(before, after, change.action, change.effect, _finding(change))
+
+
+def without_hits(work: Work, mask: np.ndarray, mended: Floats) -> Steps | None:
+    """The steps of a record without its hits, the values mended there."""
+    steps = work.steps
+    if steps is None or steps.drawn is not work.state.values:
+        return steps
+    return replace(steps, missing=steps.missing | mask, drawn=mended)
 
 
 def _hit_change(work: Work, given: Outliers | None, mask: np.ndarray) -> Change | None:

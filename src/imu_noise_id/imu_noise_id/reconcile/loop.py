@@ -194,7 +194,7 @@ def explain(work: Work, log_level: float) -> Work:
         if pick is None:
             break
         best, rival = pick
-        after = replace(current, state=best.state, found=best.found)
+        after = replace(current, state=best.state, found=best.found).drawn_anew()
         if best.effect.name == "random_telegraph":
             after = replace(after, skip=after.skip | {"levels"})
         after = replace(after, drafts=current.drafts)

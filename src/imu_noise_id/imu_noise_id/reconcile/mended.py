@@ -31,6 +31,7 @@ from imu_noise_id.reconcile.result import (
     Where,
     distinct,
 )
+from imu_noise_id.reconcile.unrounded import too_few_values
 from imu_noise_id.reconcile.work import SIZE_NAMES, Draft, Work
 from imu_noise_id.recording import Channel, Floats, Recording
 from imu_noise_id.simulate import in_order
@@ -73,6 +74,8 @@ def uncompared(channel: Channel, model: ChannelModel | None) -> ChannelReconcili
             verdict, note = UNEXPLAINED, f"{note}, and the model has noise: a sensor that hangs?"
             value = float(channel.values[0]) + 0.0  # never -0
             gap = Gap(float("nan"), 0.0, (Where("amplitude", value, value, channel.unit, -np.inf),))
+    elif distinct := too_few_values(channel, model):
+        note = f"too coarse to compare in the spectrum: {distinct} distinct values"
     return ChannelReconciliation(channel.topic, channel.name, verdict, gap, gap, (), (note,))
 
 

@@ -18,7 +18,15 @@ from imu_noise_id.reconcile.lines import line_columns
 from imu_noise_id.reconcile.null import Null
 from imu_noise_id.reconcile.prior import Prior, prior_of, spectral, unseen_drift
 from imu_noise_id.reconcile.result import HeldOut, Where
-from imu_noise_id.reconcile.state import Analysis, Column, State, analyse, course_column
+from imu_noise_id.reconcile.state import (
+    Analysis,
+    Column,
+    State,
+    analyse,
+    course_column,
+    inverse_psd,
+)
+from imu_noise_id.reconcile.unrounded import Steps, draw
 from imu_noise_id.recording import Channel, Floats
 from imu_noise_id.whittle import parameter_vector
 
@@ -27,6 +35,8 @@ SIZE_NAMES = {"rate_ramp": "slope", "bias_step": "height", "temperature": "coeff
 
 TYPED_SIZE_ERROR = 0.01
 STANDS_OUT = 20.0
+DRAWS = 6
+"""Of what was rounded, the courses (or all of the model) fitted between."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +89,8 @@ class Work:
     drafts : tuple of Draft
     notes : tuple of str
         What a reader should know of the samples, a sentence each.
+    steps : Steps or None
+        What the state's values were drawn for, where they were rounded coarsely.
     """
 
     channel: Channel
@@ -92,6 +104,7 @@ class Work:
     lasting: tuple[Finding, ...] = ()
     drafts: tuple[Draft, ...] = ()
     notes: tuple[str, ...] = ()
+    steps: Steps | None = None
 
     @property
     def name(self) -> str:
@@ -128,6 +141,34 @@ class Work:
         """The same with another state."""
         found = analyse(state)
         return replace(self, state=replace(state, effects=found.fit.effects), found=found)
+
+    def _drawn_once(self, effects: tuple[Effect, ...], number: int) -> Work:
+        state, steps = self.state, self.steps
+        if steps is None or state.values is not steps.drawn:
+            return self
+        course = np.zeros(state.values.size)
+        for size, column in zip(self.found.sizes, state.columns, strict=True):
+            course += size * column.shape
+        inverse = inverse_psd(effects, course.size, state.sample_time_s, state.floor)
+        steps = draw(steps, course, inverse, state.sample_time_s, number)
+        return replace(self, steps=steps).analysed(state.with_values(steps.drawn))
+
+    def drawn_under(self, effects: tuple[Effect, ...]) -> Work:
+        """The same on draws of what was rounded under these effects and the courses found.
+
+        Values that were changed since they were drawn stay.
+        """
+        work = self
+        for number in range(DRAWS):
+            work = work._drawn_once(effects, number)
+        return work
+
+    def drawn_anew(self) -> Work:
+        """The same on draws under the fit itself, which moves towards what the steps say of it."""
+        work = self
+        for number in range(DRAWS, 2 * DRAWS):
+            work = work._drawn_once(work.found.fit.effects, number)
+        return work
 
 
 def drafted(

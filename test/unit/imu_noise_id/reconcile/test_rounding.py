@@ -5,7 +5,7 @@ import pytest
 from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.model_file import typed_effect
 from imu_noise_id.reconcile import Reconciliation, reconcile_recording
-from imu_noise_id.reconcile.clean import white_stride
+from imu_noise_id.reconcile.unrounded import white_stride
 from imu_noise_id.recording import Channel, Recording
 
 NAMES = ("position.east", "position.north", "position.up")

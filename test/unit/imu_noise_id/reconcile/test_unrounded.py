@@ -1,0 +1,118 @@
+"""Steps coarser than the noise: the model agrees at any level, and what it lacks is still named."""
+
+import numpy as np
+import pytest
+from imu_noise_id.model import ChannelModel, NoiseModel
+from imu_noise_id.model_file import typed_effect
+from imu_noise_id.reconcile import ChannelReconciliation, reconcile_recording
+from imu_noise_id.reconcile.unrounded import draw, first_draw, too_few_values
+from imu_noise_id.recording import Channel, Recording
+from scipy.special import ndtr
+
+NAME = "angular_velocity.x"
+RATE_HZ, COUNT = 200.0, 60_000
+SIGMA, SLOW, SLOW_S = 0.003, 0.0005, 40.0
+LINE_HZ = 37.3
+
+
+def before_rounding(seed: int) -> np.ndarray:
+    """White noise beside an exponentially correlated course, run as a recursion."""
+    rng = np.random.default_rng(seed)
+    a = np.exp(-1.0 / RATE_HZ / SLOW_S)
+    x, slow = SLOW * rng.standard_normal(), []
+    for w in (rng.standard_normal(COUNT) * SLOW * np.sqrt(1.0 - a * a)).tolist():
+        x = a * x + w
+        slow.append(x)
+    return np.array(slow) + SIGMA * rng.standard_normal(COUNT)
+
+
+def channel_of(values: np.ndarray) -> Channel:
+    stamps = np.rint(np.arange(values.size) / RATE_HZ * 1e9).astype(np.int64)
+    still = np.ones(values.size, dtype=bool)
+    return Channel("/imu/data", NAME, "rad/s", stamps, values, still, RATE_HZ)
+
+
+def typed_model(step: float) -> ChannelModel:
+    effects = (
+        typed_effect("white_noise", NAME, {"density": SIGMA / np.sqrt(RATE_HZ)}),
+        typed_effect("gauss_markov", NAME, {"sigma": SLOW, "correlation_time_s": SLOW_S}),
+        typed_effect("output_rounding", NAME, {"step": step}),
+    )
+    return ChannelModel(NAME, "/imu/data", "rad/s", RATE_HZ, 0.0, effects)
+
+
+def reconciled(values: np.ndarray, coarse: float, place: float) -> ChannelReconciliation:
+    """Of values put ``place`` steps from one, rounded in steps of ``coarse`` deviations."""
+    step = coarse * SIGMA
+    channel = channel_of(step * np.rint(values / step + place))
+    model = NoiseModel((typed_model(step),))
+    (found,) = reconcile_recording(Recording("made", 0, (channel,)), model, 0, 1).channels
+    return found
+
+
+@pytest.mark.parametrize("place", [0.0, 0.25, 0.5])
+@pytest.mark.parametrize("coarse", [1.5, 2.0, 3.0, 4.0])
+def test_a_coarse_sensor_agrees_with_its_model_wherever_its_level_lies(coarse, place):
+    found = reconciled(before_rounding(3), coarse, place)
+    assert (found.verdict, found.steps) == ("agrees", ())
+    assert f"{coarse:.1f} standard deviations" in found.notes[0]
+
+
+@pytest.mark.parametrize("coarse", [2.0, 3.0])
+def test_a_line_beneath_the_steps_is_named_with_its_amplitude(coarse):
+    t = np.arange(COUNT) / RATE_HZ
+    amplitude = 0.15 * SIGMA
+    line = amplitude * np.sin(2.0 * np.pi * LINE_HZ * t + 1.0)
+    found = reconciled(before_rounding(4) + line, coarse, 0.3)
+    (step,) = found.steps
+    assert found.verdict == "explained"
+    assert step.effect.effect.frequency_hz == pytest.approx(LINE_HZ, abs=1e-3)
+    assert step.effect.effect.amplitude == pytest.approx(amplitude, rel=0.12)
+
+
+def test_a_change_of_the_level_by_less_than_a_step_is_named():
+    height = SIGMA
+    change = height * (np.arange(COUNT) > 0.6 * COUNT)
+    found = reconciled(before_rounding(5) + change, 3.0, 0.1)
+    (step,) = found.steps
+    assert step.effect.name == "bias_step"
+    assert step.effect.effect.time_s == pytest.approx(180.0, abs=1.0)
+    assert step.effect.effect.height == pytest.approx(height, rel=0.35)
+
+
+@pytest.mark.parametrize("coarse", [2.0, 3.0])
+def test_louder_noise_is_known_through_the_steps(coarse):
+    more = np.sqrt(1.1**2 - 1.0) * SIGMA * np.random.default_rng(6).standard_normal(COUNT)
+    found = reconciled(before_rounding(6) + more, coarse, 0.4)
+    (step,) = found.steps
+    assert step.action == "refit"
+    density = step.effect.effect.density
+    assert density * np.sqrt(RATE_HZ) == pytest.approx(1.1 * SIGMA, rel=0.02)
+
+
+def test_a_lost_sample_is_drawn_from_the_model_and_the_others_from_their_steps():
+    rng = np.random.default_rng(7)
+    x = rng.standard_normal(20_000)
+    missing = rng.random(x.size) < 0.2
+    values = np.where(missing, 40.0, 3.0 * np.rint(x / 3.0 + 0.2) - 0.6)
+    inverse = np.ones(x.size)
+    inverse[0] = 0.0
+    steps = draw(first_draw(values, missing, 3.0, 1.0, (8,)), np.zeros(x.size), inverse, 1.0, 0)
+    assert np.abs(steps.drawn - values)[~missing].max() <= 1.5 + 1e-9
+    error = 1.0 / np.sqrt(2.0 * missing.sum())
+    assert np.std(steps.drawn[missing]) == pytest.approx(1.0, abs=4.0 * error)
+    assert np.std(steps.drawn) == pytest.approx(1.0, abs=0.03)
+
+
+def test_where_steps_hide_the_noise_it_is_said_and_no_more():
+    values = 0.03 * SIGMA * np.random.default_rng(9).standard_normal(COUNT) + 0.501
+    seen = np.rint(values)
+    seen[100] = 1.0 - seen[0]  # two values, hardly ever the other
+    channel = channel_of(seen)
+    assert ndtr(-0.001 / (0.03 * SIGMA)) < 1e-20
+    assert too_few_values(channel, typed_model(1.0)) == 2
+    model = NoiseModel((typed_model(1.0),))
+    (found,) = reconcile_recording(Recording("made", 0, (channel,)), model, 0, 1).channels
+    assert (found.verdict, found.steps) == ("agrees", ())
+    assert found.notes == ("too coarse to compare in the spectrum: 2 distinct values",)
+    assert too_few_values(channel_of(before_rounding(10)), typed_model(1.0)) == 0
