@@ -176,7 +176,7 @@ def _step(work: Work, draft: Draft) -> Step:
 def _spectral_estimates(work: Work) -> list[FittedEffect]:
     """Spectral effects with intervals, in the order of the state."""
     out, row = [], 0
-    covariance = work.found.fit.covariance
+    covariance = _fit_covariance(work)
     for effect in work.found.fit.effects:
         free = effect.free()
         effect_out = _unheld(effect, work.hold)
@@ -188,6 +188,21 @@ def _spectral_estimates(work: Work) -> list[FittedEffect]:
         if not isinstance(effect, UnseenDrift):
             out.append(_with_errors(effect_out, errors, work.channel.unit))
     return out
+
+
+def _fit_covariance(work: Work) -> Floats:
+    """Of the fit's log parameters, wider by what coarse rounding took of the information."""
+    level, variance = work.information_left
+    wider = [
+        variance**-0.5 if isinstance(effect, WhiteNoise) else 1.0 / level
+        for effect in work.found.fit.effects
+        for _ in effect.free()
+    ]
+    return np.asarray(work.found.fit.covariance * np.outer(wider, wider))
+
+
+def _column_errors(work: Work) -> Floats:
+    return np.asarray(work.found.errors / np.sqrt(work.information_left[0]))
 
 
 def _unheld(effect: Effect, hold: float) -> Effect:
@@ -207,7 +222,7 @@ def _estimated(work: Work, draft: Draft) -> FittedEffect:
     for index, column in enumerate(work.state.columns):
         if column.effect.name != name or not _same_column(column.effect, draft.effect):
             continue
-        size, error = float(work.found.sizes[index]), float(work.found.errors[index])
+        size, error = float(work.found.sizes[index]), float(_column_errors(work)[index])
         if name == "periodic":
             return _line(work, draft, index)
         size_name = SIZE_NAMES[name]
@@ -235,7 +250,7 @@ def _same_column(a: Effect, b: Effect) -> bool:
 
 def _line(work: Work, draft: Draft, index: int) -> FittedEffect:
     amplitude = float(np.hypot(*work.found.sizes[index : index + 2]))
-    error = float(np.mean(work.found.errors[index : index + 2]))
+    error = float(np.mean(_column_errors(work)[index : index + 2]))
     span_s = work.state.columns[index].span_s
     start_s, end_s = span_s or (0.0, work.state.values.size * work.state.sample_time_s)
     # Rife and Boorstyn (1974): sd(f) = sqrt(6) sd(A)/(pi T A) with sd(A)^2 = 2 S/T
@@ -299,7 +314,7 @@ def _with_errors(effect: Effect, errors: dict[str, float], unit: str) -> FittedE
 
 def _covariance(work: Work, kept: list[FittedEffect], spectral: list[FittedEffect]) -> Floats:
     """Covariance of all numeric parameters in order, positive ones as logarithms."""
-    joint = work.found.fit.covariance
+    joint = _fit_covariance(work)
     real = [e for e in work.found.fit.effects if not isinstance(e, UnseenDrift)]
     joint = joint[np.ix_(*2 * [_seen_rows(work.found.fit.effects)])]
     keys: list[tuple[int, str]] = [(i, n) for i, e in enumerate(real) for n in e.free()]

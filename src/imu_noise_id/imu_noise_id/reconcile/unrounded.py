@@ -43,6 +43,8 @@ MOVED = 0.645
 """Root mean square of a rounded record's differences, in steps, from which on its errors are white:
 then the course itself moves by half a step, and they are correlated by exp(-2 pi^2/4)."""
 _LEAST_TAIL = 1e-200
+_RARE = 1e-6
+"""Chance of a step that no noise explains."""
 
 
 @dataclass(frozen=True)
@@ -144,13 +146,44 @@ def white_stride(values: Floats, step: float) -> int:
     return 0
 
 
-def _within(steps: Steps, mean: Floats, sigma: float, rng: np.random.Generator) -> Floats:
-    """Gaussian samples about a mean, each between the edges of its step."""
+def information_left(
+    steps: Steps, course: Floats, inverse_psd: Floats, sample_time_s: float
+) -> tuple[float, float]:
+    """Shares of what the samples said of their level and of their variance that rounding left.
+
+    Variance of the score's mean within a step over that of the score (Orchard and Woodbury 1972),
+    the white part Gaussian about the rest.  Of a spectrum other than white it is the product of the
+    levels of two samples, so that the share is the level's squared.
+    """
+    sigma = white_deviation(inverse_psd, sample_time_s)
+    keep = np.maximum(1.0 - sigma**2 * sample_time_s * inverse_psd, 0.0)
+    mean = course + fft.idct(
+        keep * np.asarray(fft.dct(steps.drawn - course, norm="ortho")), norm="ortho"
+    )
+    low, high, mirrored = _edges(steps, np.asarray(mean), sigma)
+    chance = np.maximum(ndtr(high) - ndtr(low), _LEAST_TAIL)
+    at_low, at_high = (np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi) for z in (low, high))
+    level = np.where(mirrored, -1.0, 1.0) * (at_low - at_high) / chance
+    square = 1.0 + (low * at_low - high * at_high) / chance
+    seen = ~steps.missing & (chance > _RARE)
+    shares = float(np.var(level[seen])), 0.5 * float(np.var(square[seen]))
+    return min(shares[0], 1.0), min(shares[1], 1.0)
+
+
+def _edges(steps: Steps, mean: Floats, sigma: float) -> tuple[Floats, Floats, Mask]:
+    """Edges of each sample's step about a mean, in deviations, mirrored where both are above it.
+
+    The lower tail keeps its digits.
+    """
     below = (steps.values - 0.5 * steps.step - mean) / sigma
     above = below + steps.step / sigma
-    mirrored = below + above > 0.0  # the tail that keeps its digits
-    low = np.where(mirrored, -above, below)
-    high = np.where(mirrored, -below, above)
+    mirrored = below + above > 0.0
+    return np.where(mirrored, -above, below), np.where(mirrored, -below, above), mirrored
+
+
+def _within(steps: Steps, mean: Floats, sigma: float, rng: np.random.Generator) -> Floats:
+    """Gaussian samples about a mean, each between the edges of its step."""
+    low, high, mirrored = _edges(steps, mean, sigma)
     first, last = ndtr(low), ndtr(high)
     chance = first + rng.random(mean.size) * (last - first)
     z = np.clip(ndtri(np.maximum(chance, _LEAST_TAIL)), low, high)
