@@ -48,7 +48,13 @@ from imu_noise_id.reconcile.unrounded import (
     white_deviation,
     white_stride,
 )
-from imu_noise_id.reconcile.work import TYPED_SIZE_ERROR, Work, drafted, initial_state
+from imu_noise_id.reconcile.work import (
+    TYPED_SIZE_ERROR,
+    Work,
+    drafted,
+    initial_state,
+    variance_within,
+)
 from imu_noise_id.recording import DERIVED, Channel, Floats, Recording
 from imu_noise_id.series import Series, to_series
 
@@ -325,14 +331,10 @@ def _given_burst(work: Work) -> Work:
         inside = (time_s >= burst.from_s) & (time_s < burst.to_s)
         if not 8 <= inside.sum() <= inside.size - 8:
             continue
-        square = work.found.white.samples**2
-        ratio = float(square[inside].mean() / square[~inside].mean())
-        error = float(np.sqrt(2.0 / inside.sum())) + 0.05
-        first, last = (int(i) for i in np.flatnonzero(inside)[[0, -1]])
-        kept = ratio if abs(np.log(ratio / burst.ratio)) < 4.0 * error else burst.ratio
-        values, _ = quieten(work.found, first, last + 1, kept)
-        if kept == ratio:
-            work = work.analysed(work.state.with_values(values))
+        quiet, ratio = _without_burst(work, burst, inside)
+        error = float(np.sqrt(2.0 / inside.sum() / work.information_left[1])) + 0.05
+        if abs(np.log(ratio / burst.ratio)) < 4.0 * error:
+            work = quiet
             continue
         gone = abs(np.log(ratio)) < 4.0 * error
         z = float(np.log(ratio / burst.ratio)) / error
@@ -344,12 +346,20 @@ def _given_burst(work: Work) -> Work:
             place,
         )
         before = replace(work, unmet=(*work.unmet, _finding(change)))
-        after = work
-        if not gone:
-            quiet, _ = quieten(work.found, first, last + 1, ratio)
-            after = work.analysed(work.state.with_values(quiet))
+        after = work if gone else quiet
         work = drafted(before, after, change.action, change.effect, _finding(change))
     return work
+
+
+def _without_burst(work: Work, burst: VarianceChange, inside: np.ndarray) -> tuple[Work, float]:
+    """Work on a record that is as loud inside as it is outside, and how loud it was."""
+    if work.drawable:
+        quiet, seen = work.drawn_with(burst)
+        return quiet, seen.ratio
+    ratio = variance_within(work.found.white.samples, inside)
+    first, last = (int(i) for i in np.flatnonzero(inside)[[0, -1]])
+    values, _ = quieten(work.found, first, last + 1, ratio)
+    return work.analysed(work.state.with_values(values)), ratio
 
 
 def _given_lines(work: Work) -> Work:

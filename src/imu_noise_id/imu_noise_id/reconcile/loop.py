@@ -11,6 +11,7 @@ import numpy as np
 from imu_noise_id.effects.base import Effect
 from imu_noise_id.effects.cross_axis import CrossAxis
 from imu_noise_id.effects.periodic import Periodic
+from imu_noise_id.effects.variance_change import VarianceChange
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.reconcile.axes import Tie, ties
@@ -194,13 +195,21 @@ def explain(work: Work, log_level: float) -> Work:
         if pick is None:
             break
         best, rival = pick
-        after = replace(current, state=best.state, found=best.found).drawn_anew()
+        best, after = _made(current, best)
         if best.effect.name == "random_telegraph":
             after = replace(after, skip=after.skip | {"levels"})
         after = replace(after, drafts=current.drafts)
         noted = _with_harmonics(_noted(current, after, best, findings.worst, rival), best.effect)
         trail.append((noted, noted.findings))
     return _pruned(_halved(trail, log_level), log_level)
+
+
+def _made(work: Work, best: Candidate) -> tuple[Candidate, Work]:
+    """The work with a change made; where it was rounded coarsely, on draws under that change."""
+    if isinstance(best.effect, VarianceChange) and best.action == ADD and work.drawable:
+        quiet, burst = work.drawn_with(best.effect)
+        return replace(best, effect=burst), quiet
+    return best, replace(work, state=best.state, found=best.found).drawn_anew()
 
 
 def _with_harmonics(work: Work, line: Effect) -> Work:

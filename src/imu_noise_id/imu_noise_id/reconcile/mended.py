@@ -274,7 +274,8 @@ def _direct_errors(work: Work, effect: Effect) -> dict[str, float]:
         rate_error = v["rate"] * np.sqrt(2.0 / hits)
         return {"rate": float(rate_error), "scale": float(v["scale"] / np.sqrt(1.2 * hits))}
     if effect.name == "variance_change":
-        inside = max((v["to_s"] - v["from_s"]) * _rate(work), 1.0)
+        n = work.information_left[1] * _rate(work)
+        inside = max((v["to_s"] - v["from_s"]) * n, 1.0)
         outside = max(work.state.values.size - inside, 1.0)
         edge = 6.0 / max(v["ratio"] - 1.0 - np.log(v["ratio"]), 1e-3) / _rate(work)
         error = v["ratio"] * np.sqrt(2.0 / inside + 2.0 / outside)

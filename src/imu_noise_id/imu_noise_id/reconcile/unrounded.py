@@ -62,6 +62,8 @@ class Steps:
         What stands in their stead.
     seed : tuple of int
         Of the draws.
+    loudness : (n,) float64
+        Deviation of each sample's white part over the model's: bursts, which ``drawn`` is without.
     """
 
     values: Floats
@@ -69,6 +71,7 @@ class Steps:
     step: float
     drawn: Floats
     seed: tuple[int, ...]
+    loudness: Floats
 
 
 def white_deviation(inverse_psd: Floats, sample_time_s: float) -> float:
@@ -80,12 +83,15 @@ def white_deviation(inverse_psd: Floats, sample_time_s: float) -> float:
 def first_draw(
     values: Floats, missing: Mask, step: float, sigma: float, seed: tuple[int, ...]
 ) -> Steps:
-    """White noise of this deviation within the steps, about the likeliest level of each block."""
+    """White noise of this deviation within the steps, about the likeliest level of each block.
+
+    No sample is louder than another yet.
+    """
     size = min(BLOCK, values.size)
     count = values.size // size
     means = likeliest_means(values[: count * size].reshape(count, size), step, sigma)
     middle = size * (np.arange(count) + 0.5)
-    steps = Steps(values, missing, step, values, seed)
+    steps = Steps(values, missing, step, values, seed, np.ones(values.size))
     mean = np.asarray(np.interp(np.arange(values.size), middle, means))
     return replace(steps, drawn=_within(steps, mean, sigma, np.random.default_rng((*seed, 0))))
 
@@ -175,14 +181,15 @@ def _edges(steps: Steps, mean: Floats, sigma: float) -> tuple[Floats, Floats, Ma
 
     The lower tail keeps its digits.
     """
-    below = (steps.values - 0.5 * steps.step - mean) / sigma
-    above = below + steps.step / sigma
+    deviation = sigma * steps.loudness
+    below = (steps.values - 0.5 * steps.step - mean) / deviation
+    above = below + steps.step / deviation
     mirrored = below + above > 0.0
     return np.where(mirrored, -above, below), np.where(mirrored, -below, above), mirrored
 
 
 def _within(steps: Steps, mean: Floats, sigma: float, rng: np.random.Generator) -> Floats:
-    """Gaussian samples about a mean, each between the edges of its step."""
+    """Gaussian samples about a mean, each between the edges of its step, of one deviation then."""
     low, high, mirrored = _edges(steps, mean, sigma)
     first, last = ndtr(low), ndtr(high)
     chance = first + rng.random(mean.size) * (last - first)

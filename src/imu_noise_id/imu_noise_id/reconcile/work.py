@@ -10,6 +10,7 @@ import numpy as np
 from imu_noise_id.effects.base import CourseEffect, Effect
 from imu_noise_id.effects.output_rounding import OutputRounding
 from imu_noise_id.effects.periodic import Periodic
+from imu_noise_id.effects.variance_change import VarianceChange
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.model import ChannelModel
 from imu_noise_id.reconcile.compare import Finding, Findings, examine
@@ -27,7 +28,7 @@ from imu_noise_id.reconcile.state import (
     inverse_psd,
 )
 from imu_noise_id.reconcile.unrounded import Steps, draw, information_left
-from imu_noise_id.recording import Channel, Floats
+from imu_noise_id.recording import Channel, Floats, Mask
 from imu_noise_id.whittle import parameter_vector
 
 SIZE_NAMES = {"rate_ramp": "slope", "bias_step": "height", "temperature": "coefficient"}
@@ -115,6 +116,11 @@ class Work:
         return self.channel.name
 
     @property
+    def drawable(self) -> bool:
+        """Whether the values are draws of what was rounded, unchanged since."""
+        return self.steps is not None and self.state.values is self.steps.drawn
+
+    @property
     def local(self) -> bool:
         """Whether the model or a step is local in time, so that the odd samples are held out."""
         if any(c.span_s is not None for c in self.state.columns):
@@ -145,10 +151,14 @@ class Work:
         found = analyse(state)
         return replace(self, state=replace(state, effects=found.fit.effects), found=found)
 
-    def _drawn_once(self, effects: tuple[Effect, ...], number: int) -> Work:
+    def _drawn_once(
+        self, effects: tuple[Effect, ...], number: int, loudness: Floats | None = None
+    ) -> Work:
         state, steps = self.state, self.steps
-        if steps is None or state.values is not steps.drawn:
+        if steps is None or not self.drawable:
             return self
+        if loudness is not None:
+            steps = replace(steps, loudness=loudness)
         course = self._course()
         inverse = inverse_psd(effects, course.size, state.sample_time_s, state.floor)
         steps = draw(steps, course, inverse, state.sample_time_s, number)
@@ -180,13 +190,35 @@ class Work:
 
     def drawn_anew(self) -> Work:
         """The same on draws under the fit itself, which moves towards what the steps say of it."""
-        if self.steps is None:
-            return self
-        work, (level, variance) = self, self.information_left
-        passes = min(SETTLING / min(level**2, variance), MOST_DRAWS)
-        for number in range(DRAWS, DRAWS + max(int(passes), DRAWS)):
+        work = self
+        for number in self._settling():
             work = work._drawn_once(work.found.fit.effects, number)
         return work
+
+    def drawn_with(self, burst: VarianceChange) -> tuple[Work, VarianceChange]:
+        """The same on draws without a burst, and that burst as loud as the steps say it is."""
+        time_s = self.state.time_s
+        inside = (time_s >= burst.from_s) & (time_s < burst.to_s)
+        work, ratio = self, burst.ratio
+        usual = np.ones(time_s.size) if self.steps is None else self.steps.loudness
+        for number in self._settling():
+            loudness = np.where(inside, np.sqrt(ratio), 1.0) * usual
+            work = work._drawn_once(work.found.fit.effects, number, loudness)
+            ratio *= variance_within(work.found.white.samples, inside)
+        return work, replace(burst, ratio=ratio)
+
+    def _settling(self) -> range:
+        """Numbers of the draws that a fit needs to settle on what the steps say."""
+        if not self.drawable:
+            return range(0)
+        level, variance = self.information_left
+        passes = int(min(SETTLING / min(level**2, variance), MOST_DRAWS))
+        return range(DRAWS, DRAWS + max(passes, DRAWS))
+
+
+def variance_within(white: Floats, inside: Mask) -> float:
+    """Variance of white samples inside, over that outside."""
+    return float(np.mean(white[inside] ** 2) / np.mean(white[~inside] ** 2))
 
 
 def drafted(

@@ -41,12 +41,15 @@ def typed_model(step: float) -> ChannelModel:
     return ChannelModel(NAME, "/imu/data", "rad/s", RATE_HZ, 0.0, effects)
 
 
-def reconciled(values: np.ndarray, coarse: float, place: float) -> ChannelReconciliation:
-    """Of values put ``place`` steps from one, rounded in steps of ``coarse`` deviations."""
+def rounded(values: np.ndarray, coarse: float, place: float) -> Recording:
+    """Values put ``place`` steps from one, rounded in steps of ``coarse`` deviations."""
     step = coarse * SIGMA
-    channel = channel_of(step * np.rint(values / step + place))
-    model = NoiseModel((typed_model(step),))
-    (found,) = reconcile_recording(Recording("made", 0, (channel,)), model, 0, 1).channels
+    return Recording("made", 0, (channel_of(step * np.rint(values / step + place)),))
+
+
+def reconciled(values: np.ndarray, coarse: float, place: float) -> ChannelReconciliation:
+    model = NoiseModel((typed_model(coarse * SIGMA),))
+    (found,) = reconcile_recording(rounded(values, coarse, place), model, 0, 1).channels
     return found
 
 
@@ -88,6 +91,18 @@ def test_louder_noise_is_known_through_the_steps(coarse):
     assert step.action == "refit"
     density = step.effect.effect.density
     assert density * np.sqrt(RATE_HZ) == pytest.approx(1.1 * SIGMA, rel=0.02)
+
+
+def test_a_burst_is_as_loud_as_it_was_and_the_mended_model_has_it():
+    within = (np.arange(COUNT) >= 20_000) & (np.arange(COUNT) < 36_000)
+    more = SIGMA * within * np.random.default_rng(11).standard_normal(COUNT)
+    recording = rounded(before_rounding(12) + more, 2.5, 0.3)
+    result = reconcile_recording(recording, NoiseModel((typed_model(2.5 * SIGMA),)), 0, 1)
+    (step,) = result.channels[0].steps
+    assert step.effect.name == "variance_change"
+    assert step.effect.effect.ratio == pytest.approx(2.0, rel=0.1)
+    (again,) = reconcile_recording(recording, result.model, 0, 1).channels
+    assert (again.verdict, again.steps) == ("agrees", ())
 
 
 def test_a_lost_sample_is_drawn_from_the_model_and_the_others_from_their_steps():
