@@ -26,18 +26,20 @@ from imu_noise_id.model import ChannelModel
 from imu_noise_id.reconcile.prior import spectral
 from imu_noise_id.reconcile.state import inverse_psd
 from imu_noise_id.recording import Channel, Floats, Mask
-from imu_noise_id.rounded import likeliest_means
+from imu_noise_id.rounded import likeliest_means, rounded_noise
 
 COARSE = 1.25
 """Steps, in standard deviations of the white part, from which on records are drawn: finer ones add
 white noise to 4e-6 of their variance."""
-COARSEST = 5.0
+COARSEST = 6.0
 """Steps beyond which a sample says too little of what it was for the draws to settle."""
 ROUNDS = 4
 """Of drawing both parts between two fits of a model."""
 BLOCK = 1024
-FEW = 8
-"""Distinct values at most."""
+FEW = 3
+"""Distinct values, of which no more say nothing of noise that is finer yet."""
+SHOWS = 0.3
+"""Deviation in steps from which on noise shows by a third value, one in 2000, at any level."""
 SHORTEST = 256
 MOVED = 0.645
 """Root mean square of a rounded record's differences, in steps, from which on its errors are white:
@@ -127,8 +129,8 @@ def draw(
 def too_few_values(channel: Channel, model: ChannelModel) -> int:
     """Number of a channel's values where they are few and say nothing of its noise, else 0.
 
-    So it is where the model's noise is far beneath the step, on a course that never moves by half
-    a step.
+    So it is where the model's noise is far beneath the step, and how often the values come speaks
+    of no louder one.
     """
     if np.unique(channel.values[:SHORTEST]).size > FEW:
         return 0
@@ -138,8 +140,14 @@ def too_few_values(channel: Channel, model: ChannelModel) -> int:
     if step is None or not effects or not channel.rate_hz:
         return 0
     inverse = inverse_psd(effects, channel.values.size, 1.0 / channel.rate_hz, 0.0)
-    hidden = step > COARSEST * white_deviation(inverse, 1.0 / channel.rate_hz)
-    return distinct if hidden and white_stride(channel.values, step) == 0 else 0
+    finer = step > COARSEST * white_deviation(inverse, 1.0 / channel.rate_hz)
+    return distinct if finer and not _shows(channel.values, step) else 0
+
+
+def _shows(values: Floats, step: float) -> bool:
+    """Whether the counts of the values speak of noise that the steps do not hide."""
+    noise = rounded_noise(values, step)
+    return noise is None or noise.sigma * np.exp(-3.0 * noise.relative_error) > SHOWS * step
 
 
 def white_stride(values: Floats, step: float) -> int:

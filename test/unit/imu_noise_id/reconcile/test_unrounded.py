@@ -7,7 +7,6 @@ from imu_noise_id.model_file import typed_effect
 from imu_noise_id.reconcile import ChannelReconciliation, reconcile_recording
 from imu_noise_id.reconcile.unrounded import draw, first_draw, too_few_values
 from imu_noise_id.recording import Channel, Recording
-from scipy.special import ndtr
 
 NAME = "angular_velocity.x"
 RATE_HZ, COUNT = 200.0, 60_000
@@ -119,15 +118,15 @@ def test_a_lost_sample_is_drawn_from_the_model_and_the_others_from_their_steps()
     assert np.std(steps.drawn) == pytest.approx(1.0, abs=0.03)
 
 
-def test_where_steps_hide_the_noise_it_is_said_and_no_more():
-    values = 0.03 * SIGMA * np.random.default_rng(9).standard_normal(COUNT) + 0.501
-    seen = np.rint(values)
-    seen[100] = 1.0 - seen[0]  # two values, hardly ever the other
-    channel = channel_of(seen)
-    assert ndtr(-0.001 / (0.03 * SIGMA)) < 1e-20
-    assert too_few_values(channel, typed_model(1.0)) == 2
-    model = NoiseModel((typed_model(1.0),))
-    (found,) = reconcile_recording(Recording("made", 0, (channel,)), model, 0, 1).channels
+@pytest.mark.parametrize("place", [0.35, 0.5])
+def test_where_steps_hide_the_noise_it_is_said_and_no_more(place):
+    found = reconciled(before_rounding(9), 9.0, place)
     assert (found.verdict, found.steps) == ("agrees", ())
     assert found.notes == ("too coarse to compare in the spectrum: 2 distinct values",)
-    assert too_few_values(channel_of(before_rounding(10)), typed_model(1.0)) == 0
+
+
+def test_few_values_that_speak_of_louder_noise_are_compared():
+    (channel,) = rounded(3.0 * before_rounding(10), 9.0, 0.3).channels
+    assert np.unique(channel.values).size > 2
+    assert too_few_values(channel, typed_model(9.0 * SIGMA)) == 0
+    assert reconciled(3.0 * before_rounding(10), 9.0, 0.3).verdict != "agrees"
