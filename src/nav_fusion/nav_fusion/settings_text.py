@@ -46,10 +46,10 @@ def _value(read: Any, default: Any, name: str) -> Any:
     if isinstance(default, float):
         return float(read)
     if name == "soft_iron":
-        rows = tuple(tuple(float(v) for v in row) for row in read)
-        if [len(row) for row in rows] != [3, 3, 3]:
-            raise ValueError("three rows of three numbers are needed")
-        return rows
+        flat = [float(v) for row in read for v in (row if isinstance(row, list) else [row])]
+        if len(flat) != 9:
+            raise ValueError("nine numbers are needed, row by row")
+        return tuple(flat[0:3]), tuple(flat[3:6]), tuple(flat[6:9])
     vector = tuple(float(v) for v in read)
     if len(vector) != 3:
         raise ValueError("three numbers are needed")
