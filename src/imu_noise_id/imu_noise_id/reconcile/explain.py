@@ -201,8 +201,25 @@ def _responses(state: State, found: Analysis) -> list[Candidate]:
         for start in {getattr(start, "order", 0.0): start for _, start in ranked}.values():
             price = PRICE_PER_PARAMETER * len(start.free())
             grown = replace(state, effects=(*found.fit.effects, start))
-            out.append(_candidate(ADD, start, price, found, grown))
+            out.append(_at_its_level(_candidate(ADD, start, price, found, grown), found))
     return out
+
+
+def _at_its_level(filtered: Candidate, before: Analysis) -> Candidate:
+    """A filter weighed with the white noise free beneath it, where that explains it better.
+
+    What a filter folds back raises the level that is seen, so that the right one with the old level
+    may fit worse than a wrong one.  The level is refitted in a step of its own.
+    """
+    state = filtered.state
+    index = next((i for i, e in enumerate(state.effects) if isinstance(e, WhiteNoise)), None)
+    if index is None or index >= given_count(state):
+        return filtered
+    free = replace(state, prior=without(state.prior, _rows_of(state, index)))
+    gain, price = analyse(free).objective - before.objective, filtered.price + PRICE_PER_PARAMETER
+    if gain - price <= filtered.net:
+        return filtered
+    return replace(filtered, gain=gain, price=price)
 
 
 def _lines(state: State, found: Analysis) -> list[Candidate]:

@@ -1,9 +1,10 @@
-"""A burst is taken out of the record at all frequencies of its noise, and of its noise alone."""
+"""What candidates are: bursts taken out of the record, jumps to the sample, filters by name."""
 
 import numpy as np
+import pytest
 from imu_noise_id.model import ChannelModel
 from imu_noise_id.model_file import typed_effect
-from imu_noise_id.reconcile.explain import quieten, to_the_sample
+from imu_noise_id.reconcile.explain import candidates, quieten, to_the_sample
 from imu_noise_id.reconcile.state import analyse
 from imu_noise_id.reconcile.work import initial_state
 
@@ -53,3 +54,34 @@ def test_jumps_found_in_blocks_move_to_their_samples():
     noisy = level - 0.5 + 0.1 * np.random.default_rng(2).standard_normal(level.size)
     assert np.count_nonzero(coarse != level) > 50
     assert np.array_equal(to_the_sample(coarse, noisy, 100), level)
+
+
+def averaged(rng, over=10, window=13):
+    """White noise at ``over`` times the rate, each sample the mean of the ``window`` before it."""
+    total = np.cumsum(rng.standard_normal(COUNT * over + window) * np.sqrt(over))
+    first = np.arange(COUNT) * over
+    return (total[first + window - 1] - np.where(first > 0, total[first - 1], 0.0)) / window
+
+
+def behind_a_pole(rng, cutoff_hz=18.0):
+    """White noise through one pole at ten times the rate, a fifth louder than the model says."""
+    over = 10
+    a = np.exp(-2.0 * np.pi * cutoff_hz * DT / over)
+    drive, out = 1.2 * rng.standard_normal(COUNT * over) * np.sqrt(over), 0.0
+    seen = np.empty(COUNT * over)
+    for k, u in enumerate(((1.0 - a) * drive).tolist()):
+        out = a * out + u
+        seen[k] = out
+    return seen[::over]
+
+
+@pytest.mark.parametrize(
+    ("made", "name"), [(averaged, "averaging"), (behind_a_pole, "bandwidth_limit")]
+)
+def test_a_filter_is_weighed_with_the_level_free_beneath_it(made, name):
+    """What folds back, or was louder before the filter, gave other filters the better fit."""
+    model = {"white_noise": {"density": np.sqrt(DT)}}
+    analysis = found(made(np.random.default_rng(3)), **model)
+    best = candidates(analysis.state, analysis)[0]
+    assert best.effect.name == name
+    assert getattr(best.effect, "order", 1.0) == 1.0
