@@ -149,9 +149,15 @@ def _skips(model: ChannelModel, work: Work) -> frozenset[str]:
 
 def _coarse(state: State) -> frozenset[str]:
     """Rounding that shows in the distribution even under the right model."""
-    step = float(np.sqrt(12.0 * (state.floor - state.dither) / state.sample_time_s))
+    coarse = _step_in_sigma(state) > COARSE
+    return frozenset({"kurtosis", "extreme"}) if coarse else frozenset()
+
+
+def _step_in_sigma(state: State) -> float:
+    """Step of the rounding that the spectrum has, in deviations of a sample from its neighbours."""
+    step = float(np.sqrt(12.0 * max(state.floor - state.dither, 0.0) / state.sample_time_s))
     spread = float(np.sqrt(0.5 * np.mean(np.diff(state.values) ** 2)))
-    return frozenset({"kurtosis", "extreme"}) if step > COARSE * spread else frozenset()
+    return step / max(spread, 1e-300)
 
 
 def _state(
@@ -420,29 +426,34 @@ def answer_hits(work: Work, rng: np.random.Generator) -> Work:
     """Mask and mend outliers, and say so where the model does not have as many."""
     given = next((f.effect for f in work.model.effects if isinstance(f.effect, Outliers)), None)
     white = work.found.white.samples
-    hits = find_hits(white)
+    hits = find_hits(white, _step_in_sigma(work.state))
     if given is None and (hits.log_p > np.log(1e-4) or clustered(white, hits.mask)):
         return work
-    tails = tails_log_p(white, hits.rate, hits.scale)
-    if given is None and (tails < TAILS_LOG_P or hits.rate > MOST_HITS or _lopsided(white, hits)):
+    tails = tails_log_p(white, hits.answer.best)
+    if given is None and (
+        tails < TAILS_LOG_P or hits.answer.rate > MOST_HITS or _lopsided(white, hits)
+    ):
         return work  # not a few hits but another distribution
-    change = _hit_change(work, given, hits.mask)
-    if hits.mask.any():
-        sigma = _fast_sigma(work.state.values, hits.mask)
-        values = mend(work.state.values, hits.mask, sigma, rng)
+    change = _hit_change(work, given, hits)
+    mask = hits.drawn(rng)
+    if mask.any():
+        sigma = _fast_sigma(work.state.values, mask)
+        values = mend(work.state.values, mask, sigma, rng)
         place = Where("amplitude", 2.5, 5.0, "sigma", 1.0)
         after = replace(
             work,
             skip=work.skip | {"extreme", "kurtosis"},
             lasting=(*work.lasting, Finding("tails", tails, z_of(tails), place)),
-            steps=without_hits(work, hits.mask, values),
+            steps=without_hits(work, mask, values),
         ).analysed(work.state.with_values(values))
     else:
         after = work
     if change is None:
         return after
     before = replace(work, unmet=(*work.unmet, _finding(change)))
-    return drafted(before, after, change.action, change.effect, _finding(change))
+    done = drafted(before, after, change.action, change.effect, _finding(change))
+    last = replace(done.drafts[-1], log_errors=hits.errors)
+    return replace(done, drafts=(*done.drafts[:-1], last))
 
 
 def without_hits(work: Work, mask: np.ndarray, mended: Floats) -> Steps | None:
@@ -453,15 +464,14 @@ def without_hits(work: Work, mask: np.ndarray, mended: Floats) -> Steps | None:
     return replace(steps, missing=steps.missing | mask, drawn=mended)
 
 
-def _hit_change(work: Work, given: Outliers | None, mask: np.ndarray) -> Change | None:
+def _hit_change(work: Work, given: Outliers | None, hits: Hits) -> Change | None:
     white = work.found.white.samples
-    hits = find_hits(white)
     sigma = _fast_sigma(work.state.values, hits.mask)
     far = max(float(np.abs(white).max()), 5.0)
     place = Where("amplitude", 5.0, far, "sigma", 1.0)
     if given is None:
         return Change(ADD, hit_effect(hits, sigma), hits.log_p, place)
-    count, expected = float(mask.sum()), given.rate * white.size
+    count, expected = float(hits.mask.sum()), given.rate * white.size
     few = gammaincc(count + 1.0, expected)
     tail = min(few, 1.0 - gammaincc(max(count, 1e-9), expected))
     log_p = float(np.log(np.clip(2.0 * tail, 1e-300, 1.0)))

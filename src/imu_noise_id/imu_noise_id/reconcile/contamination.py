@@ -20,6 +20,7 @@ from imu_noise_id.effects.outliers import THRESHOLD, Outliers, outlier_mask, out
 from imu_noise_id.effects.output_rounding import FINEST, OutputRounding, rounding_step
 from imu_noise_id.effects.saturation import Saturation, saturation_limit
 from imu_noise_id.effects.timestamp_jitter import TimestampJitter, jitter_std
+from imu_noise_id.reconcile.hits import Answer, Mixture, hit_mixtures
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE, Where
 from imu_noise_id.recording import Channel, Floats, Mask
 
@@ -28,6 +29,8 @@ SAME_STEP = 0.03
 LEAST_HELD_SAMPLES = 64
 MOST_OF_ALL = 0.5
 JITTER_RESOLUTION_S = 1e-6
+GOLDEN = 0.6180339887498949
+"""Multiples of it lie evenly between whole numbers, in no order."""
 TAIL_BANDS = (2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 
 
@@ -194,63 +197,85 @@ class Hits:
 
     Attributes
     ----------
-    mask : (n,) bool
-        Samples that are more likely hit than not.
-    rate : float
-    scale : float
-        In standard deviations of the clean samples.
+    answer : Answer
+    chance : (n,) float64
+        That a sample was hit.
     log_p : float
         Chance of as many beyond the threshold, or of one as far out, without hits.
     """
 
-    mask: Mask
-    rate: float
-    scale: float
+    answer: Answer
+    chance: Floats
     log_p: float
 
+    @property
+    def errors(self) -> dict[str, float]:
+        """Standard errors of the parameters' logarithms."""
+        return {"rate": self.answer.rate_error, "scale": self.answer.scale_error}
 
-def find_hits(white: Floats) -> Hits:
-    """Hits of a Gaussian of larger scale among unit white samples.
+    @property
+    def mask(self) -> Mask:
+        """Samples that are more likely hit than not."""
+        return np.asarray(self.chance > 0.5)
 
-    Those beyond five robust sigma give rate and scale; the mask then takes every sample whose odds
-    under that mixture exceed one.
+    def drawn(self, rng: np.random.Generator) -> Mask:
+        """Samples that were hit, drawn by their chances: what is left has the noise's own law.
+
+        Without all that are more likely hit than not, the noise would be without its tails.
+        """
+        return np.asarray(rng.random(self.chance.size) < self.chance)
+
+
+def find_hits(white: Floats, step: float = 0.0) -> Hits:
+    """Hits among unit white samples, sought where any lies beyond ``THRESHOLD`` robust sigma.
+
+    Parameters
+    ----------
+    white : (n,) float64
+    step : float
+        To which the samples were rounded: they are spread over it, or the counts show the comb.
     """
     centred = white - np.median(white)
-    sigma = 1.4826 * float(np.median(np.abs(centred)))
-    unit = centred / max(sigma, 1e-300)
     first = outlier_mask(white)
     count = int(first.sum())
-    none = Hits(np.zeros(white.size, dtype=bool), 0.0, 0.0, 0.0)
+    no_hits = Answer(Mixture(0.0, 0.0, 1.0), 0.0, 0.0, 0.0, 0.0)
+    none = Hits(no_hits, np.zeros(white.size), 0.0)
     if count == 0:
         return none
+    unit = centred / _robust_sigma(centred)
     rate, scale = outlier_parameters(unit[first], white.size, 1.0)
     if rate > MOST_OF_ALL:
         return none  # no few among many: another distribution, which the amplitudes show
+    even = centred + step * (np.arange(white.size) * GOLDEN % 1.0 - 0.5)
+    answer = hit_mixtures(even / _robust_sigma(even), rate, scale)
     expected = white.size * 2.0 * ndtr(-THRESHOLD)
     many = 1.0 - gammaincc(count, expected)
     far = min(white.size * 2.0 * ndtr(-float(np.abs(unit).max())), 1.0)
     log_p = float(np.log(max(many, 1e-300))), float(np.log(max(far, 1e-300)))
-    total = np.sqrt(1.0 + scale**2)
-    odds = np.log(rate / (1.0 - rate) / total) + 0.5 * unit**2 * (1.0 - 1.0 / total**2)
-    return Hits(odds > 0.0, rate, scale, min(log_p) + float(np.log(2.0)))
+    odds = answer.best.odds(unit)
+    return Hits(answer, odds / (1.0 + odds), min(log_p) + float(np.log(2.0)))
+
+
+def _robust_sigma(centred: Floats) -> float:
+    return max(1.4826 * float(np.median(np.abs(centred))), 1e-300)
 
 
 def hit_effect(hits: Hits, sigma: float) -> Outliers:
     """The effect that plays such hits on a channel whose samples have deviation ``sigma``."""
-    return Outliers(hits.rate, hits.scale * sigma)
+    return Outliers(hits.answer.rate, hits.answer.scale * sigma)
 
 
-def tails_log_p(white: Floats, rate: float, scale: float) -> float:
+def tails_log_p(white: Floats, mixed: Mixture) -> float:
     """Chance of the counts between 2.5 and 5 sigma under a mixture of clean samples and hits."""
     centred = np.abs(white - np.median(white))
     unit = centred / (1.4826 * float(np.median(centred)))
     edges = np.array(TAIL_BANDS)
     seen = np.histogram(unit, edges)[0].astype(float)
-    clean = 2.0 * (ndtr(-edges[:-1]) - ndtr(-edges[1:]))
-    total = np.sqrt(1.0 + scale**2)
-    hit = 2.0 * (ndtr(-edges[:-1] / total) - ndtr(-edges[1:] / total))
+    clean = 2.0 * (ndtr(-edges[:-1] / mixed.spread) - ndtr(-edges[1:] / mixed.spread))
+    hit = np.diff(mixed.within(edges))
+    rate = mixed.rate
     expected = unit.size * ((1.0 - rate) * clean + rate * hit)
-    # the hits below the threshold are extrapolated: their number is known to a third
+    # the hits' law is not the mixture's to the letter: their number there is known to a third
     variance = expected + (0.3 * unit.size * rate * hit) ** 2
     chi2 = float(np.sum((seen - expected) ** 2 / variance))
     return float(np.log(max(chdtrc(seen.size, chi2), 1e-300)))

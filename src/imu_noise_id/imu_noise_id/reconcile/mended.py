@@ -231,7 +231,9 @@ def _estimated(work: Work, draft: Draft) -> FittedEffect:
         if name == "bias_step":
             errors["time_s"] = max((error / size) ** 2 * work.channel.duration_s, 1.0 / _rate(work))
         return _with_errors(effect, errors, work.channel.unit)
-    return _with_errors(draft.effect, _direct_errors(work, draft.effect), work.channel.unit)
+    errors = {n: e * float(getattr(draft.effect, n)) for n, e in draft.log_errors.items()}
+    errors = errors or _direct_errors(work, draft.effect)
+    return _with_errors(draft.effect, errors, work.channel.unit)
 
 
 def _rate(work: Work) -> float:
@@ -269,10 +271,6 @@ def _direct_errors(work: Work, effect: Effect) -> dict[str, float]:
     """Standard errors of what is read from counts and moments."""
     n = float(work.channel.values.size)
     v = {p.name: getattr(effect, p.name) for p in effect.parameters}
-    if effect.name == "outliers":
-        hits = max(v["rate"] * n, 1.0)
-        rate_error = v["rate"] * np.sqrt(2.0 / hits)
-        return {"rate": float(rate_error), "scale": float(v["scale"] / np.sqrt(1.2 * hits))}
     if effect.name == "variance_change":
         n = work.information_left[1] * _rate(work)
         inside = max((v["to_s"] - v["from_s"]) * n, 1.0)

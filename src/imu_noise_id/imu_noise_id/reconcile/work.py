@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -59,6 +59,8 @@ class Draft:
     whole : tuple of (float, float)
         Score of the whole record before and after.
     held_out : HeldOut
+    log_errors : dict of str to float
+        Standard errors of logarithms of parameters that no later fit tells better.
     """
 
     action: str
@@ -68,6 +70,7 @@ class Draft:
     rival: str
     whole: tuple[float, float]
     held_out: HeldOut
+    log_errors: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
