@@ -9,6 +9,7 @@ from scipy import special
 
 from imu_noise_id.effects.outliers import THRESHOLD, Outliers, outlier_parameters
 from imu_noise_id.effects.output_rounding import OutputRounding, rounding_step
+from imu_noise_id.lattice import angle_note, of_an_angle
 from imu_noise_id.model import Estimate, FittedEffect
 from imu_noise_id.recording import Floats, Mask
 from imu_noise_id.rounded import rounded_noise
@@ -172,6 +173,8 @@ def _rounding(
 ) -> _Rounding:
     if step == 0.0:
         return _Rounding(0.0, 0.0, ())
+    if of_an_angle(seen, step, sample_time_s):
+        return _Rounding(0.0, 0.0, (), (angle_note(step, sample_time_s, unit),))
     effect = OutputRounding(step)
     effects = (FittedEffect(effect, (Estimate(step, None, None, None, unit),)),)
     usual = np.abs(deviation) <= THRESHOLD * max(sigma, step)

@@ -15,6 +15,7 @@ from imu_noise_id.effects.output_rounding import OutputRounding
 from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.effects.saturation import one_sided_limit
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
+from imu_noise_id.lattice import angle_note, of_an_angle
 from imu_noise_id.model import ChannelModel
 from imu_noise_id.ordinates import fast_length
 from imu_noise_id.reconcile import unrounded
@@ -23,6 +24,7 @@ from imu_noise_id.reconcile.compare import Finding
 from imu_noise_id.reconcile.contamination import (
     Change,
     Hits,
+    angle_change,
     find_hits,
     fresh_index,
     hit_effect,
@@ -236,6 +238,10 @@ def _settle(
     raw = work.channel.values
     effects = {f.name: f.effect for f in model.effects}
     comb, step = rounding_change(raw, effects.get("output_rounding"))
+    seen, sample_time_s = whole.values[picked][whole.observed[picked]], factor * whole.sample_time_s
+    if comb and comb.action == ADD and of_an_angle(seen, step, sample_time_s):
+        work = _on_an_angle(work, step, sample_time_s)
+        comb, step = angle_change(comb, step, sample_time_s, effects), 0.0
     clipped, _ = saturation_change(raw, effects.get("saturation"), rng)
     if step and white_stride(raw, step) != 1:
         clipped = None  # a stair at the top is as long as the course stays there
@@ -252,6 +258,8 @@ def _settle(
             after = replace(after, hold=factor, null=null).analysed(state)
         elif change.effect.name == "output_rounding":
             after = _rounded(after, step, whole, recording, picked, rng)
+        elif change.effect.name == "quantization":
+            after = _with_source(after, change.effect)
         elif change.effect.name == "saturation":
             after = _unclip(after, change.effect, rng)
         work = drafted(work, after, change.action, change.effect, _finding(change))
@@ -261,6 +269,19 @@ def _settle(
         work = _unclip(work, effects["saturation"], rng)
     work = _given_lines(_given_burst(work))
     return answer_hits(work, rng)
+
+
+def _on_an_angle(work: Work, step: float, sample_time_s: float) -> Work:
+    """Said so; where its steps are coarse they show in the distribution under the right model."""
+    spread = float(np.sqrt(0.5 * np.mean(np.diff(work.state.values) ** 2)))
+    shown = {"kurtosis", "skewness", "extreme"} if step > COARSE * spread else set()
+    note = angle_note(step, sample_time_s, work.channel.unit)
+    return replace(work, skip=work.skip | shown, notes=(*work.notes, note))
+
+
+def _with_source(work: Work, source: Effect) -> Work:
+    """With one more noise of the source, fitted from its value there."""
+    return work.analysed(replace(work.state, effects=(*work.state.effects, source)))
 
 
 def _rounded(

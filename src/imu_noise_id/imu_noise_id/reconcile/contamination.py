@@ -7,7 +7,7 @@ model says and returns the difference, if there is one, with samples that are fr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from imu_noise_id.effects.dropouts import Dropouts, dropout_parameters, gap_leng
 from imu_noise_id.effects.held_samples import HeldSamples, fresh_samples, held_factor
 from imu_noise_id.effects.outliers import THRESHOLD, Outliers, outlier_mask, outlier_parameters
 from imu_noise_id.effects.output_rounding import FINEST, OutputRounding, rounding_step
+from imu_noise_id.effects.quantization import Quantization
 from imu_noise_id.effects.saturation import Saturation, saturation_limit
 from imu_noise_id.effects.timestamp_jitter import TimestampJitter, jitter_std
 from imu_noise_id.reconcile.hits import Answer, Mixture, hit_mixtures
@@ -152,6 +153,15 @@ def rounding_change(values: Floats, given: Effect | None) -> tuple[Change | None
         assert given is not None
         return Change(REMOVE, given, log_p, place), 0.0
     return Change(REFIT if said else ADD, OutputRounding(seen), log_p, place), seen
+
+
+def angle_change(
+    comb: Change, step: float, sample_time_s: float, given: dict[str, Effect]
+) -> Change | None:
+    """The comb of an angle's rounding, differenced: quantization, if the model has none yet."""
+    if "quantization" in given:
+        return None
+    return replace(comb, effect=Quantization(step * sample_time_s / float(np.sqrt(12.0))))
 
 
 def saturation_change(

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.special import expit, logit, ndtr, softmax
 
 from imu_noise_id.recording import Floats
@@ -155,6 +154,7 @@ def _likeliest(
     form: Callable[[Floats], Mixture], counts: Floats, edges: Floats, start: tuple[float, ...]
 ) -> tuple[Mixture, float, Floats]:
     """Mixture of one form, its negative log-likelihood and its parameters."""
+    from scipy.optimize import minimize  # only what was hit needs it
 
     def loss(theta: Floats) -> float:
         mixed = form(np.clip(theta, -30.0, 30.0))
