@@ -47,6 +47,18 @@ class BandwidthLimit(ResponseEffect):
         Parameter("damping", "1", True, "damping ratio of order 2"),
     )
 
+    @property
+    def half_power_hz(self) -> float:
+        """Where |H|^2 is one half: far below f_c where order 2 is overdamped."""
+        if self.order < 1.5:
+            return self.cutoff_hz
+        less = 2.0 * self.damping**2 - 1.0
+        root = float(np.hypot(less, 1.0))
+        u2 = (
+            1.0 / (root + less) if less > 0.0 else root - less
+        )  # no difference of two that are near
+        return self.cutoff_hz * float(np.sqrt(u2))
+
     def free(self) -> tuple[str, ...]:
         """Cutoff, and the damping where the order is 2."""
         return ("cutoff_hz",) if self.order < 1.5 else ("cutoff_hz", "damping")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from imu_noise_id.effects.bandwidth_limit import BandwidthLimit
 from imu_noise_id.model import FittedEffect
 from imu_noise_id.reconcile.result import ADD, REFIT
 from imu_noise_id.wording import channel_label
@@ -36,7 +37,6 @@ _THINGS: dict[str, Callable[[dict[str, float], str], str]] = {
     ),
     "timestamp_jitter": lambda v, u: f"time-stamp jitter of {v['std_s']:.2g} s",
     "dropouts": lambda v, u: f"{v['rate']:.2g} gaps per second of {v['mean_length_s']:.2g} s",
-    "bandwidth_limit": lambda v, u: f"a bandwidth of {v['cutoff_hz']:.3g} Hz",
     "averaging": lambda v, u: f"averaging over {v['window_s']:.3g} s",
 }
 
@@ -67,6 +67,8 @@ def sentence(
             f"noise shared with {channel_label(str(values['other']))} "
             f"(correlation {values['correlation']:.3f})"
         )
+    elif isinstance(effect, BandwidthLimit):
+        thing = f"a bandwidth of {effect.half_power_hz:.3g} Hz (-3 dB)"
     else:
         thing = _THINGS[effect.name](values, unit)
     if action == ADD:
