@@ -32,6 +32,7 @@ from imu_noise_id.reconcile.lines import (
 from imu_noise_id.reconcile.patches import band_gain
 from imu_noise_id.reconcile.prior import FREE_STD_ERROR, SLOW, without
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
+from imu_noise_id.reconcile.smooth import best_course, without_steps
 from imu_noise_id.reconcile.state import Analysis, State, analyse, course_column
 from imu_noise_id.reconcile.steps import best_step
 from imu_noise_id.recording import Floats
@@ -41,6 +42,8 @@ PRICE_PER_PARAMETER = 3.0
 PREFERENCE = 1.5
 DRIFTS = (*SLOW, "temperature", "rate_ramp", "bias_step")
 TELEGRAPH_BLOCKS = 1500
+LEAST_JUMPS = 4
+"""There and back twice."""
 COLOURED_LOG_P = -9.0
 DISTINCTLY = 5.0
 """Nats by which one band must tell a window better than all of its noise: two names fit below."""
@@ -265,7 +268,11 @@ def _courses(state: State, found: Analysis) -> list[Candidate]:
     out = []
     if _count(state, "bias_step") < MOST_PER_CHANNEL["bias_step"]:
         best = best_step(state, found)
-        if not _known_step(state, best.time_s):
+        if (
+            best.gain > 0.0
+            and not _known_step(state, best.time_s)
+            and not smoother(best.state, best.found)
+        ):
             step, price = BiasStep(best.time_s, best.height), 2.0 * PRICE_PER_PARAMETER
             out.append(Candidate(ADD, step, best.gain, price, best.state, best.found))
     if not _count(state, "rate_ramp"):
@@ -274,6 +281,19 @@ def _courses(state: State, found: Analysis) -> list[Candidate]:
     if T is not None and float(np.ptp(T)) > 1e-6 and not _count(state, "temperature"):
         out.append(_course(state, found, Temperature(1.0), "coefficient", 1))
     return out
+
+
+def smoother(state: State, found: Analysis) -> bool:
+    """Whether one smooth course in place of all steps that were added explains a record better.
+
+    It has a length too, one parameter more than a single step.
+    """
+    bare, steps = without_steps(state)
+    course = best_course(bare)
+    if course is None:
+        return False
+    more = PRICE_PER_PARAMETER * (3.0 - 2.0 * steps)
+    return course.objective - more > found.objective + DISTINCTLY
 
 
 def _known_step(state: State, time_s: float) -> bool:
@@ -481,8 +501,8 @@ def _telegraph(state: State, found: Analysis, like: Candidate) -> list[Candidate
     rest = np.asarray(fft.idct(found.coefficients, norm="ortho"))
     means = rest[: count * block].reshape(count, block).mean(axis=1)
     decoded = decode(means, dwell_s / state.sample_time_s / block)
-    if not decoded.upper.any() or decoded.upper.all():
-        return []
+    if np.count_nonzero(np.diff(decoded.upper)) < LEAST_JUMPS:
+        return []  # a step, or a course that was taken for one
     course = np.repeat(decoded.upper, block).astype(float)
     course = np.concatenate((course, np.full(n - course.size, course[-1])))
     height = decoded.high - decoded.low

@@ -230,10 +230,20 @@ def _estimated(work: Work, draft: Draft) -> FittedEffect:
         errors = {size_name: error}
         if name == "bias_step":
             errors["time_s"] = max((error / size) ** 2 * work.channel.duration_s, 1.0 / _rate(work))
+            return _within_the_record(_with_errors(effect, errors, work.channel.unit), work)
         return _with_errors(effect, errors, work.channel.unit)
     errors = {n: e * float(getattr(draft.effect, n)) for n, e in draft.log_errors.items()}
     errors = errors or _direct_errors(work, draft.effect)
     return _with_errors(draft.effect, errors, work.channel.unit)
+
+
+def _within_the_record(step: FittedEffect, work: Work) -> FittedEffect:
+    """A step whose time's interval ends where the record does, in which it was seen."""
+    time_s, height = step.estimates
+    first_s = work.state.start_s
+    last_s = first_s + work.state.values.size * work.state.sample_time_s
+    lower, upper = max(time_s.lower or first_s, first_s), min(time_s.upper or last_s, last_s)
+    return replace(step, estimates=(replace(time_s, lower=lower, upper=upper), height))
 
 
 def _rate(work: Work) -> float:
