@@ -54,10 +54,9 @@ class BandwidthLimit(ResponseEffect):
             return self.cutoff_hz
         less = 2.0 * self.damping**2 - 1.0
         root = float(np.hypot(less, 1.0))
-        u2 = (
-            1.0 / (root + less) if less > 0.0 else root - less
-        )  # no difference of two that are near
-        return self.cutoff_hz * float(np.sqrt(u2))
+        # no difference of two that are near
+        square = 1.0 / (root + less) if less > 0.0 else root - less
+        return self.cutoff_hz * float(np.sqrt(square))
 
     def free(self) -> tuple[str, ...]:
         """Cutoff, and the damping where the order is 2."""

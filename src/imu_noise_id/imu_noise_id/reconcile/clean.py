@@ -158,8 +158,12 @@ def _coarse(state: State) -> frozenset[str]:
 def _step_in_sigma(state: State) -> float:
     """Step of the rounding that the spectrum has, in deviations of a sample from its neighbours."""
     step = float(np.sqrt(12.0 * max(state.floor - state.dither, 0.0) / state.sample_time_s))
-    spread = float(np.sqrt(0.5 * np.mean(np.diff(state.values) ** 2)))
-    return step / max(spread, 1e-300)
+    return step / _neighbours_deviation(state)
+
+
+def _neighbours_deviation(state: State) -> float:
+    """Of a sample from its neighbours: what is fast, whatever drifts beneath it."""
+    return max(float(np.sqrt(0.5 * np.mean(np.diff(state.values) ** 2))), 1e-300)
 
 
 def _state(
@@ -273,8 +277,8 @@ def _settle(
 
 def _on_an_angle(work: Work, step: float, sample_time_s: float) -> Work:
     """Said so; where its steps are coarse they show in the distribution under the right model."""
-    spread = float(np.sqrt(0.5 * np.mean(np.diff(work.state.values) ** 2)))
-    shown = {"kurtosis", "skewness", "extreme"} if step > COARSE * spread else set()
+    coarse = step > COARSE * _neighbours_deviation(work.state)
+    shown = {"kurtosis", "skewness", "extreme"} if coarse else set()
     note = angle_note(step, sample_time_s, work.channel.unit)
     return replace(work, skip=work.skip | shown, notes=(*work.notes, note))
 
@@ -480,7 +484,7 @@ def answer_hits(work: Work, rng: np.random.Generator) -> Work:
 def without_hits(work: Work, mask: np.ndarray, mended: Floats) -> Steps | None:
     """The steps of a record without its hits, the values mended there."""
     steps = work.steps
-    if steps is None or steps.drawn is not work.state.values:
+    if steps is None or not work.drawable:
         return steps
     return replace(steps, missing=steps.missing | mask, drawn=mended)
 

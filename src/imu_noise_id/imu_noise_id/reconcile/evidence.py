@@ -37,6 +37,10 @@ _THINGS: dict[str, Callable[[dict[str, float], str], str]] = {
     ),
     "timestamp_jitter": lambda v, u: f"time-stamp jitter of {v['std_s']:.2g} s",
     "dropouts": lambda v, u: f"{v['rate']:.2g} gaps per second of {v['mean_length_s']:.2g} s",
+    "bandwidth_limit": lambda v, u: (
+        "a bandwidth of "
+        f"{BandwidthLimit(v['cutoff_hz'], v['order'], v['damping']).half_power_hz:.3g} Hz (-3 dB)"
+    ),
     "averaging": lambda v, u: f"averaging over {v['window_s']:.3g} s",
 }
 
@@ -67,8 +71,6 @@ def sentence(
             f"noise shared with {channel_label(str(values['other']))} "
             f"(correlation {values['correlation']:.3f})"
         )
-    elif isinstance(effect, BandwidthLimit):
-        thing = f"a bandwidth of {effect.half_power_hz:.3g} Hz (-3 dB)"
     else:
         thing = _THINGS[effect.name](values, unit)
     if action == ADD:

@@ -282,8 +282,8 @@ def _direct_errors(work: Work, effect: Effect) -> dict[str, float]:
     n = float(work.channel.values.size)
     v = {p.name: getattr(effect, p.name) for p in effect.parameters}
     if effect.name == "variance_change":
-        n = work.information_left[1] * _rate(work)
-        inside = max((v["to_s"] - v["from_s"]) * n, 1.0)
+        told_hz = work.information_left[1] * _rate(work)  # samples' worth a second
+        inside = max((v["to_s"] - v["from_s"]) * told_hz, 1.0)
         outside = max(work.state.values.size - inside, 1.0)
         edge = 6.0 / max(v["ratio"] - 1.0 - np.log(v["ratio"]), 1e-3) / _rate(work)
         error = v["ratio"] * np.sqrt(2.0 / inside + 2.0 / outside)
