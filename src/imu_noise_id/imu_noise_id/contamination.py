@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
 
 from imu_noise_id.effects.outliers import THRESHOLD, Outliers, outlier_parameters
 from imu_noise_id.effects.output_rounding import OutputRounding, rounding_step
+from imu_noise_id.hits import Answer, hit_mixtures
 from imu_noise_id.lattice import angle_note, of_an_angle
+from imu_noise_id.leave_one_out import misfits
 from imu_noise_id.model import Estimate, FittedEffect
 from imu_noise_id.recording import Floats, Mask
 from imu_noise_id.rounded import rounded_noise
@@ -26,6 +28,10 @@ LOUDEST = 5.0
 A part that is louder yet shows by hits in a row; a driver that glitches for a while has far larger
 ones.
 """
+ENDS = 256
+"""Samples at both ends that do not count: what a low pass leaves is so quiet that they show."""
+LOUDER = "louder in a part of the recording: its samples are no outliers"
+HEAVY = "amplitudes are heavy-tailed (kurtosis {:.3g}, Gaussian 3): another law, not outliers"
 PARTS = 16
 """Of a record, in which the hits are counted: an outlier comes at any time."""
 GOLDEN = 0.6180339887498949
@@ -77,19 +83,16 @@ def find_contamination(series: Series, unit: str) -> Contamination:
     sigma = robust_sigma(deviation, step)
     rounded = _rounding(seen, deviation, step, sigma, series.sample_time_s, unit)
     hit = np.abs(deviation) > THRESHOLD * max(sigma, rounded.step)
-    rate, scale = outlier_parameters(deviation[hit], seen.size, sigma)
-    louder = scale < LOUDEST * sigma and _gather(hit)
     observed = series.observed
     effects: tuple[FittedEffect, ...] = rounded.effects
     notes = rounded.notes
-    if sigma > 0.0 and rate <= MOST_HIT and not louder and _come_singly(hit, deviation, sigma):
-        observed = observed.copy()
-        observed[np.flatnonzero(series.observed)[hit]] = False
-        effects = (_outliers(rate, scale, int(hit.sum()), unit), *effects)
-    elif hit.mean() > MOST_HIT:
+    if hit.mean() > MOST_HIT:
         notes = (*notes, "far from Gaussian: many samples lie beyond 5 standard deviations")
-    elif louder:
-        notes = (*notes, "louder in a part of the recording: its samples are no outliers")
+    elif sigma > 0.0 and _come_singly(hit, deviation, sigma):
+        among = _hits_among(misfits(seen, hit), hit, rounded.step, unit)
+        effects, notes = (*among.effects, *effects), (*notes, *among.notes)
+        observed = observed.copy()
+        observed[np.flatnonzero(series.observed)[among.hit]] = False
     return Contamination(observed, effects, rounded.floor, notes, rounded.worth)
 
 
@@ -145,16 +148,53 @@ def _gather(hit: Mask) -> bool:
     return bool(special.chdtrc(PARTS - 1, np.sum((parts - expected) ** 2) / expected) < BY_CHANCE)
 
 
-def _outliers(rate: float, scale: float, hits: int, unit: str) -> FittedEffect:
-    low = 0.5 * float(special.chdtri(2 * hits, 0.975))
-    high = 0.5 * float(special.chdtri(2 * hits + 2, 0.025))
-    spread = np.exp(1.96 / np.sqrt(2.0 * hits))
-    found = hits / rate
+@dataclass(frozen=True)
+class _Hits:
+    hit: Mask
+    effects: tuple[FittedEffect, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def _hits_among(misfit: Floats, doubtful: Mask, step: float, unit: str) -> _Hits:
+    """Samples that are hits, where they are that and no distribution of long tails.
+
+    Parameters
+    ----------
+    misfit : (m,) float64
+        Samples less what the others say of them.
+    doubtful : (m,) bool
+        Those of which it is asked.
+    """
+    sigma = robust_sigma(misfit, step)
+    hit = doubtful & (np.abs(misfit) > THRESHOLD * max(sigma, step))
+    none = _Hits(np.zeros_like(hit))
+    if sigma == 0.0 or not _come_singly(hit, misfit, sigma):
+        return none
+    rate, scale = outlier_parameters(misfit[hit] / sigma, hit.size, 1.0)
+    if scale < LOUDEST and _gather(hit):
+        return replace(none, notes=(LOUDER,))
+    even = misfit + step * (np.mod(GOLDEN * np.arange(hit.size), 1.0) - 0.5)
+    ends = min(ENDS, hit.size // 16)
+    answer = hit_mixtures(even[ends : hit.size - ends] / sigma, rate, scale)
+    if answer.rate > MOST_HIT or answer.tails > 0.0:
+        kurtosis = float(np.mean(misfit**4) / np.mean(misfit**2) ** 2)
+        return replace(none, notes=(HEAVY.format(kurtosis),))
+    odds = answer.best.odds(misfit / sigma)
+    drawn = np.mod(GOLDEN * np.arange(hit.size), 1.0) < odds / (1.0 + odds)
+    return _Hits(hit | drawn, (_outliers(answer, sigma, unit),))
+
+
+def _outliers(answer: Answer, sigma: float, unit: str) -> FittedEffect:
+    rate, scale = answer.rate, answer.scale * answer.best.spread * sigma
+    found = answer.rate_error**-2  # hits that would be known as well, were all of them seen
+    low = 0.5 * float(special.chdtri(2.0 * found, 0.975)) / found
+    high = 0.5 * float(special.chdtri(2.0 * found + 2.0, 0.025)) / found
+    spread = float(np.exp(1.96 * answer.scale_error))
     return FittedEffect(
         Outliers(rate, scale),
         (
-            Estimate(rate, rate / np.sqrt(hits), low / found, high / found, "1"),
-            Estimate(scale, scale / np.sqrt(2.0 * hits), scale / spread, scale * spread, unit),
+            Estimate(rate, rate * answer.rate_error, rate * low, rate * high, "1"),
+            Estimate(scale, scale * answer.scale_error, scale / spread, scale * spread, unit),
         ),
     )
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from imu_noise_id.contamination import deviation_from_medians, find_contamination
+from imu_noise_id.series import Series
 
 from helpers.noise_records import series, walk, white
 
@@ -63,6 +64,50 @@ def test_a_wide_tail_is_no_outlier():
     found = find_contamination(series(rng.laplace(size=N)), "u")
     assert found.effects == ()
     assert found.observed.all()
+
+
+@pytest.mark.parametrize("law", ["student", "laplace"])
+def test_heavy_tails_are_said_to_be_that_and_are_no_outliers(law):
+    rng = np.random.default_rng(60)
+    values = rng.standard_t(8, N) if law == "student" else rng.laplace(size=N)
+    found = find_contamination(series(values), "u")
+    assert found.effects == ()
+    assert found.observed.all()
+    (note,) = found.notes
+    assert "heavy-tailed" in note
+    said = float(note.split("kurtosis ")[1].split(",")[0])
+    assert said == pytest.approx(np.mean(values**4) / np.mean(values**2) ** 2, rel=0.03)
+
+
+def test_one_sample_of_an_hour_at_ten_hertz_is_no_evidence_at_5_7_sigma():
+    """A median of 20 samples is drawn to its own: what is left looks 6 % quieter than it is."""
+    for seed in range(10):
+        values = np.random.default_rng([61, seed]).standard_normal(36_000)
+        values[20_005] = 5.7
+        slow = Series(values, np.ones(36_000, dtype=bool), 0.1)
+        assert find_contamination(slow, "u").effects == ()
+
+
+@pytest.mark.parametrize("law", ["normal", "hollow", "uniform", "fixed"])
+def test_rate_and_scale_of_hits_are_in_their_intervals_whatever_the_law(law):
+    rng = np.random.default_rng([62, len(law)])
+    rate, sign = 0.004, rng.choice([-1.0, 1.0], N)
+    sizes = {
+        "normal": 6.0 * rng.standard_normal(N),
+        "hollow": sign * rng.uniform(3.5, 7.0, N),
+        "uniform": sign * rng.uniform(0.0, 25.0, N),
+        "fixed": sign * 8.0,
+    }[law]
+    hit = rng.random(N) < rate
+    noise = rng.standard_normal(N) + 0.1 * np.cumsum(rng.standard_normal(N))
+    found = find_contamination(series(noise + hit * sizes), "u")
+    (effect,) = found.effects
+    for said, true in zip(effect.estimates, (rate, np.sqrt(np.mean(sizes**2))), strict=True):
+        assert said.lower < true < said.upper
+        assert said.upper < 2.5 * said.lower
+    both = found.observed[1:] & found.observed[:-1]
+    steps = np.diff(noise + hit * sizes)[both]
+    assert steps.var() == pytest.approx(np.diff(noise).var(), rel=0.01)
 
 
 def test_rounding_is_seen_and_its_error_subtracted():

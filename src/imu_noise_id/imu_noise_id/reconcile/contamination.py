@@ -21,7 +21,7 @@ from imu_noise_id.effects.output_rounding import FINEST, OutputRounding, roundin
 from imu_noise_id.effects.quantization import Quantization
 from imu_noise_id.effects.saturation import Saturation, saturation_limit
 from imu_noise_id.effects.timestamp_jitter import TimestampJitter, jitter_std
-from imu_noise_id.reconcile.hits import Answer, Mixture, hit_mixtures
+from imu_noise_id.hits import Answer, Mixture, hit_mixtures
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE, Where
 from imu_noise_id.recording import Channel, Floats, Mask
 

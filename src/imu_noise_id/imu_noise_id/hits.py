@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit, logit, ndtr, softmax
+from scipy.special import expit, gammaincc, logit, ndtr, softmax, stdtr
 
 from imu_noise_id.recording import Floats
 
@@ -88,6 +88,9 @@ class Answer:
         Geometric means over the mixtures, weighed by likelihood.
     rate_error, scale_error : float
         Standard errors of their logarithms.
+    tails : float
+        Log-likelihood of the likelier of Student's and the generalized normal law, which have long
+        tails and no hits, over the likeliest mixture's.
     """
 
     best: Mixture
@@ -95,6 +98,7 @@ class Answer:
     scale: float
     rate_error: float
     scale_error: float
+    tails: float = 0.0
 
 
 def hit_mixtures(unit: Floats, rate: float, scale: float) -> Answer:
@@ -124,9 +128,11 @@ def hit_mixtures(unit: Floats, rate: float, scale: float) -> Answer:
     mean = weight @ logs
     spread = weight @ (logs - mean) ** 2
     hits = max(float(np.exp(mean[0])) * unit.size, 1.0)
-    best = found[int(np.argmax(weight))][0]
+    best, loss, _ = found[int(np.argmax(weight))]
+    tails = loss - min(_least(law, counts, edges, shape) for law, shape in LONG_TAILED)
     errors = np.sqrt(spread + np.array([2.0, 1.0 / 1.2]) / hits)
-    return Answer(best, *(float(v) for v in (*np.exp(mean), *errors)))
+    rate, scale = (float(v) for v in np.exp(mean))
+    return Answer(best, rate, scale, float(errors[0]), float(errors[1]), tails)
 
 
 def _edges(top: float) -> Floats:
@@ -154,7 +160,6 @@ def _likeliest(
     form: Callable[[Floats], Mixture], counts: Floats, edges: Floats, start: tuple[float, ...]
 ) -> tuple[Mixture, float, Floats]:
     """Mixture of one form, its negative log-likelihood and its parameters."""
-    from scipy.optimize import minimize  # only what was hit needs it
 
     def loss(theta: Floats) -> float:
         mixed = form(np.clip(theta, -30.0, 30.0))
@@ -163,10 +168,46 @@ def _likeliest(
         hit = np.maximum(np.diff(mixed.within(edges)), _LEAST)
         return -float(counts @ np.log((1.0 - mixed.rate) * clean + mixed.rate * hit))
 
+    lowest, theta = _minimum(loss, start, (0.5, 0.01, 0.5))
+    return form(theta), lowest, theta
+
+
+def _student(x: Floats, degrees: float) -> Floats:
+    """Chance that a magnitude exceeds x."""
+    return np.asarray(2.0 * stdtr(degrees, -x))
+
+
+def _generalized_normal(x: Floats, power: float) -> Floats:
+    """Chance that a magnitude exceeds x: Laplace's law at power 1, the normal one at 2."""
+    return np.asarray(gammaincc(1.0 / power, x**power))
+
+
+LONG_TAILED = ((_student, 8.0), (_generalized_normal, 1.5))
+"""Laws of a scale and one number of its shape, with where that is sought from."""
+
+
+def _least(
+    law: Callable[[Floats, float], Floats], counts: Floats, edges: Floats, shape: float
+) -> float:
+    """Least negative log-likelihood of a law over its scale and its shape."""
+
+    def loss(theta: Floats) -> float:
+        scale, number = np.exp(np.clip(theta, -3.0, 9.0))
+        chance = -np.diff(law(edges / scale, float(number)))
+        return -float(counts @ np.log(np.maximum(chance, _LEAST)))
+
+    return _minimum(loss, (0.0, float(np.log(shape))), (0.1, 0.3))[0]
+
+
+def _minimum(
+    loss: Callable[[Floats], float], start: tuple[float, ...], steps: tuple[float, ...]
+) -> tuple[float, Floats]:
+    """Least value of a loss and where it is, by the simplex of Nelder and Mead."""
+    from scipy.optimize import minimize  # only what was hit needs it
+
     options = {"maxiter": 300, "xatol": 3e-3, "fatol": 3e-2}
-    simplex = np.array([start, *(start + np.diag([0.5, 0.01, 0.5]))])
+    simplex = np.array([start, *(start + np.diag(steps))])
     found = minimize(
         loss, start, method="Nelder-Mead", options={**options, "initial_simplex": simplex}
     )
-    theta = np.clip(found.x, -30.0, 30.0)
-    return form(theta), float(found.fun), theta
+    return float(found.fun), np.clip(found.x, -30.0, 30.0)
