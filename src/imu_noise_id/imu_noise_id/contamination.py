@@ -88,6 +88,8 @@ def find_contamination(series: Series, unit: str) -> Contamination:
     notes = rounded.notes
     if hit.mean() > MOST_HIT:
         notes = (*notes, "far from Gaussian: many samples lie beyond 5 standard deviations")
+    elif sigma > 0.0 and _louder(hit, deviation / sigma):
+        notes = (*notes, LOUDER)
     elif sigma > 0.0 and _come_singly(hit, deviation, sigma):
         among = _hits_among(misfits(seen, hit), hit, rounded.step, unit)
         effects, notes = (*among.effects, *effects), (*notes, *among.notes)
@@ -139,6 +141,12 @@ def _come_singly(hit: Mask, deviation: Floats, sigma: float) -> bool:
     return bool(min(by_number, by_size) < BY_CHANCE and 2 * apart > where.size)
 
 
+def _louder(hit: Mask, unit: Floats) -> bool:
+    """Whether hits are the louder noise of a part of the record."""
+    _, scale = outlier_parameters(unit[hit], hit.size, 1.0)
+    return scale < LOUDEST and _gather(hit)
+
+
 def _gather(hit: Mask) -> bool:
     """Whether hits gather in a part of the record: chi-square of their number in equal parts."""
     parts = np.array([part.sum() for part in np.array_split(hit, PARTS)], dtype=float)
@@ -155,7 +163,7 @@ class _Hits:
     notes: tuple[str, ...] = ()
 
 
-def _hits_among(misfit: Floats, doubtful: Mask, step: float, unit: str) -> _Hits:
+def _hits_among(misfit: Floats, doubtful: Mask, step: float, unit_name: str) -> _Hits:
     """Samples that are hits, where they are that and no distribution of long tails.
 
     Parameters
@@ -170,22 +178,23 @@ def _hits_among(misfit: Floats, doubtful: Mask, step: float, unit: str) -> _Hits
     none = _Hits(np.zeros_like(hit))
     if sigma == 0.0 or not _come_singly(hit, misfit, sigma):
         return none
-    rate, scale = outlier_parameters(misfit[hit] / sigma, hit.size, 1.0)
-    if scale < LOUDEST and _gather(hit):
+    unit = misfit / sigma
+    if _louder(hit, unit):
         return replace(none, notes=(LOUDER,))
     even = misfit + step * (np.mod(GOLDEN * np.arange(hit.size), 1.0) - 0.5)
     ends = min(ENDS, hit.size // 16)
-    answer = hit_mixtures(even[ends : hit.size - ends] / sigma, rate, scale)
+    start = outlier_parameters(unit[hit], hit.size, 1.0)
+    answer = hit_mixtures(even[ends : hit.size - ends] / sigma, *start)
     if answer.rate > MOST_HIT or answer.tails > 0.0:
         kurtosis = float(np.mean(misfit**4) / np.mean(misfit**2) ** 2)
         return replace(none, notes=(HEAVY.format(kurtosis),))
-    odds = answer.best.odds(misfit / sigma)
+    odds = answer.best.odds(unit)
     drawn = np.mod(GOLDEN * np.arange(hit.size), 1.0) < odds / (1.0 + odds)
-    return _Hits(hit | drawn, (_outliers(answer, sigma, unit),))
+    return _Hits(hit | drawn, (_outliers(answer, sigma, unit_name),))
 
 
 def _outliers(answer: Answer, sigma: float, unit: str) -> FittedEffect:
-    rate, scale = answer.rate, answer.scale * answer.best.spread * sigma
+    rate, scale = answer.rate, answer.scale * float(answer.best.spread) * sigma
     found = answer.rate_error**-2  # hits that would be known as well, were all of them seen
     low = 0.5 * float(special.chdtri(2.0 * found, 0.975)) / found
     high = 0.5 * float(special.chdtri(2.0 * found + 2.0, 0.025)) / found

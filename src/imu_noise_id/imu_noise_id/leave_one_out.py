@@ -17,8 +17,10 @@ from imu_noise_id.gaps import interpolate
 from imu_noise_id.ordinates import cosine_coefficients
 from imu_noise_id.recording import Floats, Mask
 
-ROUNDS = 2
-"""How often doubtful samples are replaced by what the others say; white noise needs one."""
+ROUNDS, HARMLESS = 3, 5.0
+"""How often doubtful samples are replaced by what the others say, and up to how many deviations
+from that what stood there does the others no harm; noise that is nearly white needs one.
+"""
 WIDTH = 128
 """Ordinates in a bin: as one over their mean square is wanted, few would be far too much."""
 QUIETEST = 0.01
@@ -41,7 +43,10 @@ def misfits(values: Floats, doubtful: Mask) -> Floats:
     filled = interpolate(values, ~doubtful)
     for _ in range(ROUNDS):
         out = _from_all_others(filled)
-        filled[doubtful] -= out[doubtful]
+        off = out[doubtful]
+        filled[doubtful] -= off
+        if float(np.abs(off).max(initial=0.0)) < HARMLESS * float(np.std(out)):
+            break
     out[doubtful] = values[doubtful] - filled[doubtful]
     return out
 
@@ -49,21 +54,17 @@ def misfits(values: Floats, doubtful: Mask) -> Floats:
 def _from_all_others(values: Floats) -> Floats:
     """Each sample less its mean given all the others, the covariance diagonal in the DCT-II."""
     size = fft.next_fast_len(values.size, real=True)  # a transform of a prime length costs tenfold
-    mirrored = np.pad(values, (0, size - values.size), mode="symmetric")
-    coefficients = cosine_coefficients(mirrored)
+    coefficients = cosine_coefficients(np.pad(values, (0, size - values.size), mode="symmetric"))
     inverse = _inverse_power(coefficients)
     coefficients *= inverse / np.mean(inverse)
     return np.asarray(fft.idct(coefficients, norm="ortho")[: values.size])
 
 
 def _inverse_power(coefficients: Floats) -> Floats:
-    """One over the mean square of the coefficients about each, straight between bins; 0 first."""
+    """One over the mean square of the coefficients about each; 0 for the level."""
     width = min(WIDTH, max(coefficients.size // 4, 1))
-    edges = np.arange(1, coefficients.size, width)
+    edges = np.arange(1, coefficients.size - width // 2, width)  # the last bin half as wide or more
     count = np.diff(edges, append=coefficients.size)
     power = np.add.reduceat(coefficients**2, edges) / count
-    power[-1] = power[-min(count.size, 2) :].min() if count[-1] < width // 2 else power[-1]
     inverse = 1.0 / np.maximum(power, max(QUIETEST * float(np.median(power)), 1e-300))
-    out = np.interp(np.arange(coefficients.size), edges + 0.5 * (count - 1), inverse)
-    out[0] = 0.0
-    return np.asarray(out)
+    return np.concatenate(([0.0], np.repeat(inverse, count)))

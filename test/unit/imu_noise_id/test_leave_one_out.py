@@ -45,3 +45,15 @@ def test_what_a_low_pass_took_is_no_exact_knowledge() -> None:
     smooth = np.convolve(rng.standard_normal(N + 400), np.hanning(41), mode="valid")[:N]
     left = misfits(smooth, np.zeros(N, dtype=bool))[256:-256]
     assert np.abs(left).max() < 5.5 * left.std()
+
+
+def test_a_hit_on_noise_that_was_filtered_leaves_its_neighbours_alone() -> None:
+    rng = np.random.default_rng(4)
+    smooth = np.convolve(rng.standard_normal(N + 400), np.hanning(7), mode="valid")[:N]
+    doubtful = np.zeros(N, dtype=bool)
+    doubtful[500::1000] = True
+    clean = misfits(smooth, np.zeros(N, dtype=bool))
+    left = misfits(smooth + 20.0 * doubtful, doubtful)
+    near = np.abs(np.arange(N) % 1000 - 500) < 20
+    assert np.abs(left[near & ~doubtful]).max() < 6.0 * clean[256:-256].std()
+    assert left[doubtful].mean() == pytest.approx(20.0, abs=0.05)

@@ -21,7 +21,7 @@ from imu_noise_id.effects.output_rounding import FINEST, OutputRounding, roundin
 from imu_noise_id.effects.quantization import Quantization
 from imu_noise_id.effects.saturation import Saturation, saturation_limit
 from imu_noise_id.effects.timestamp_jitter import TimestampJitter, jitter_std
-from imu_noise_id.hits import Answer, Mixture, hit_mixtures
+from imu_noise_id.hits import NO_HITS, Answer, Mixture, hit_mixtures
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE, Where
 from imu_noise_id.recording import Channel, Floats, Mask
 
@@ -248,7 +248,7 @@ def find_hits(white: Floats, step: float = 0.0) -> Hits:
     centred = white - np.median(white)
     first = outlier_mask(white)
     count = int(first.sum())
-    no_hits = Answer(Mixture(0.0, 0.0, 1.0), 0.0, 0.0, 0.0, 0.0)
+    no_hits = Answer(NO_HITS, 0.0, 0.0, 0.0, 0.0)
     none = Hits(no_hits, np.zeros(white.size), 0.0)
     if count == 0:
         return none
