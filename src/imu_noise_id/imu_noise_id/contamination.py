@@ -183,14 +183,16 @@ def _hits_among(misfit: Floats, doubtful: Mask, step: float, unit_name: str) -> 
         return replace(none, notes=(LOUDER,))
     even = misfit + step * (np.mod(GOLDEN * np.arange(hit.size), 1.0) - 0.5)
     ends = min(ENDS, hit.size // 16)
-    start = outlier_parameters(unit[hit], hit.size, 1.0)
-    answer = hit_mixtures(even[ends : hit.size - ends] / sigma, *start)
+    coarse = step / sigma if step > sigma else 0.0  # then rounding hides what is smaller
+    start = outlier_parameters(unit[hit], hit.size, max(coarse, 1.0))
+    inner = even[ends : hit.size - ends] / sigma
+    answer = hit_mixtures(inner, *start, THRESHOLD * coarse)
     if answer.rate > MOST_HIT or answer.tails > 0.0:
         kurtosis = float(np.mean(misfit**4) / np.mean(misfit**2) ** 2)
         return replace(none, notes=(HEAVY.format(kurtosis),))
     odds = answer.best.odds(unit)
     drawn = np.mod(GOLDEN * np.arange(hit.size), 1.0) < odds / (1.0 + odds)
-    return _Hits(hit | drawn, (_outliers(answer, sigma, unit_name),))
+    return _Hits(hit | (drawn & (coarse == 0.0)), (_outliers(answer, sigma, unit_name),))
 
 
 def _outliers(answer: Answer, sigma: float, unit: str) -> FittedEffect:

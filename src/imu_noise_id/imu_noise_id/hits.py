@@ -26,6 +26,8 @@ LOWS, LAST_LOW, NARROWEST = 16, 0.95, 0.1
 """Lower limits that are tried, the last as a part of the largest deviation; narrowest range."""
 STEPS, CLOSE = 40, 0.01
 """Of scoring, at most; gain in nats of one after which the next gains nothing."""
+MEDIAN = 0.6744897501960817
+"""Of the magnitudes of clean samples, in their deviations."""
 SLIGHT = 1e-4
 """Step of a parameter from which slopes are taken."""
 _LEAST = 1e-15
@@ -166,7 +168,7 @@ class Answer:
         Standard errors of their logarithms.
     tails : float
         Log-likelihood of the likelier of Student's and the generalized normal law, which have long
-        tails and no hits, over the likeliest mixture's.
+        tails and no hits, over the likeliest mixture's; 0 where the clean samples' law is hidden.
     """
 
     best: Mixture
@@ -177,7 +179,7 @@ class Answer:
     tails: float = 0.0
 
 
-def hit_mixtures(unit: Floats, rate: float, scale: float) -> Answer:
+def hit_mixtures(unit: Floats, rate: float, scale: float, seen_from: float = 0.0) -> Answer:
     """Mixtures of clean deviations and hits, by the counts of magnitudes.
 
     Gaussian hits weigh as much beforehand as Laplace's, and as those of all lower limits together.
@@ -188,8 +190,12 @@ def hit_mixtures(unit: Floats, rate: float, scale: float) -> Answer:
         White samples over their robust deviation, centred.
     rate, scale : float
         Of Gaussian hits, to start from.
+    seen_from : float
+        Magnitude beneath which something hides the law of the samples, but for their median.
     """
     edges = _edges(float(np.abs(unit).max()))
+    if seen_from > 0.0:
+        edges = np.concatenate(([0.0, MEDIAN], edges[edges > seen_from]))
     counts = np.histogram(np.abs(unit), edges)[0].astype(float)
     first, top = float(logit(np.clip(rate, 1e-9, 0.5))), float(edges[-1])
     lows = np.linspace(0.0, LAST_LOW * top, LOWS)
@@ -208,7 +214,8 @@ def hit_mixtures(unit: Floats, rate: float, scale: float) -> Answer:
     spread = weight @ (logs - mean) ** 2
     hits = max(float(np.exp(mean[0])) * unit.size, 1.0)
     best = int(np.argmax(weight))
-    tails = loss[best] - min(_least(law, counts, edges, shape) for law, shape in LONG_TAILED)
+    rivals = [_least(law, counts, edges, shape) for law, shape in LONG_TAILED if seen_from == 0.0]
+    tails = loss[best] - min(rivals, default=loss[best])
     errors = np.sqrt(spread + np.array([2.0, 1.25]) / hits)  # of a size: Laplace's, the widest
     numbers = (float(v) for v in (*np.exp(mean), *errors, tails))
     return Answer(mixtures[best], *numbers)

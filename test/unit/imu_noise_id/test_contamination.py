@@ -110,6 +110,19 @@ def test_rate_and_scale_of_hits_are_in_their_intervals_whatever_the_law(law):
     assert steps.var() == pytest.approx(np.diff(noise).var(), rel=0.01)
 
 
+@pytest.mark.parametrize("step", [2.0, 5.0])
+def test_hits_beyond_a_coarse_rounding_have_their_rate_and_scale(step):
+    rng = np.random.default_rng([63, round(step)])
+    hit = rng.random(N) < 0.005
+    values = rng.standard_normal(N) + hit * 30.0 * rng.standard_normal(N)
+    found = find_contamination(series(step * np.rint(values / step)), "u")
+    effect = found.effects[0]
+    assert effect.name == "outliers"
+    for said, true in zip(effect.estimates, (0.005, 30.0), strict=True):
+        assert said.lower < true < said.upper
+        assert said.value == pytest.approx(true, rel=0.3)
+
+
 def test_rounding_is_seen_and_its_error_subtracted():
     rng = np.random.default_rng(54)
     found = find_contamination(series(4.0 * np.rint(white(N, rng) / 4.0)), "u")
