@@ -16,7 +16,7 @@ from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.effects.saturation import one_sided_limit
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
 from imu_noise_id.lattice import angle_note, of_an_angle
-from imu_noise_id.model import ChannelModel
+from imu_noise_id.model import ChannelModel, FittedEffect
 from imu_noise_id.ordinates import fast_length
 from imu_noise_id.reconcile import unrounded
 from imu_noise_id.reconcile.battery import BURST_BLOCKS
@@ -449,7 +449,7 @@ def _given_for_a_while(work: Work, index: int, noted: bool) -> Work:
 
 def answer_hits(work: Work, rng: np.random.Generator) -> Work:
     """Mask and mend outliers, and say so where the model does not have as many."""
-    given = next((f.effect for f in work.model.effects if isinstance(f.effect, Outliers)), None)
+    given = next((f for f in work.model.effects if isinstance(f.effect, Outliers)), None)
     white = work.found.white.samples
     hits = find_hits(white, _step_in_sigma(work.state))
     if given is None and (hits.log_p > np.log(1e-4) or clustered(white, hits.mask)):
@@ -489,23 +489,32 @@ def without_hits(work: Work, mask: np.ndarray, mended: Floats) -> Steps | None:
     return replace(steps, missing=steps.missing | mask, drawn=mended)
 
 
-def _hit_change(work: Work, given: Outliers | None, hits: Hits) -> Change | None:
+def _hit_change(work: Work, given: FittedEffect | None, hits: Hits) -> Change | None:
+    """Difference in hits, beyond what the model's rate is known to and chance."""
     white = work.found.white.samples
     sigma = _fast_sigma(work.state.values, hits.mask)
     far = max(float(np.abs(white).max()), 5.0)
     place = Where("amplitude", 5.0, far, "sigma", 1.0)
     if given is None:
         return Change(ADD, hit_effect(hits, sigma), hits.log_p, place)
-    count, expected = float(hits.mask.sum()), given.rate * white.size
-    few = gammaincc(count + 1.0, expected)
-    tail = min(few, 1.0 - gammaincc(max(count, 1e-9), expected))
+    count, least, expected, most = float(hits.mask.sum()), *_rate_bounds(given) * white.size
+    few = gammaincc(count + 1.0, least)
+    tail = min(few, 1.0 - gammaincc(max(count, 1e-9), most))
     log_p = float(np.log(np.clip(2.0 * tail, 1e-300, 1.0)))
     # hits near the noise go unseen, so a deviation by half is what a count can prove
     if log_p > np.log(1e-4) or 0.6 < count / max(expected, 1e-9) < 1.6:
         return None
     if count == 0.0:
-        return Change(REMOVE, given, log_p, place)
+        return Change(REMOVE, given.effect, log_p, place)
     return Change(REFIT, hit_effect(hits, sigma), log_p, place)
+
+
+def _rate_bounds(given: FittedEffect) -> Floats:
+    """Least, likeliest and largest rate of the model's hits; one value where it has no interval."""
+    rate = given.estimates[0]
+    least = rate.value if rate.lower is None else rate.lower
+    most = rate.value if rate.upper is None else rate.upper
+    return np.array([least, rate.value, most], dtype=float)
 
 
 def _lopsided(white: Floats, hits: Hits) -> bool:

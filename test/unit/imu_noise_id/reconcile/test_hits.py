@@ -1,5 +1,7 @@
 """Hits are counted right whatever their own law, and heavy tails are not hits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from imu_noise_id.hits import Normal
@@ -80,6 +82,21 @@ def test_hollow_hits_are_outliers_and_leave_nothing_to_explain(seed: int) -> Non
         assert said.lower is not None
         assert said.upper is not None
         assert said.lower < true < said.upper
+
+
+@pytest.mark.parametrize(("least", "said"), [(None, ["outliers"]), (2e-6, [])])
+def test_hits_that_do_not_come_are_taken_back_if_their_rate_was_known(
+    least: float | None, said: list[str]
+) -> None:
+    hits = typed_effect("outliers", NAME, {"rate": 3e-4, "scale": 6.0 * SIGMA})
+    rate = replace(hits.estimates[0], lower=least, upper=least and 2e-3)
+    model = its_model()
+    (channel,) = model.channels
+    known = replace(hits, estimates=(rate, hits.estimates[1]))
+    model = replace(model, channels=(replace(channel, effects=(*channel.effects, known)),))
+    noise = np.random.default_rng(30).standard_normal(COUNT)
+    (found,) = reconcile_recording(one_channel(noise), model).channels
+    assert [step.effect.name for step in found.steps] == said
 
 
 @pytest.mark.parametrize("degrees", [4, 8])
