@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import gammaincc
+from scipy.special import gammaincc, ndtr, pdtr
 
 from imu_noise_id.dither import dithered
-from imu_noise_id.effects.base import Effect, TransportEffect
+from imu_noise_id.effects.base import Effect, Parameter, TransportEffect
 from imu_noise_id.effects.held_samples import HeldSamples
-from imu_noise_id.effects.outliers import Outliers
+from imu_noise_id.effects.outliers import THRESHOLD, Outliers
 from imu_noise_id.effects.output_rounding import OutputRounding
 from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.effects.saturation import one_sided_limit
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
 from imu_noise_id.lattice import angle_note, of_an_angle
-from imu_noise_id.model import ChannelModel, FittedEffect
+from imu_noise_id.model import ChannelModel, Estimate, FittedEffect
 from imu_noise_id.ordinates import fast_length
 from imu_noise_id.reconcile import unrounded
 from imu_noise_id.reconcile.battery import BURST_BLOCKS
@@ -83,6 +83,7 @@ _DRAWN = (
 ON_A_STEP = 0.1
 """Steps from the nearest multiple; what was mended is nowhere."""
 GIVEN_LOG_P = float(np.log(1e-4))
+OTHER_LAW = 0.1
 
 
 def open_topic(
@@ -363,17 +364,18 @@ def _given_burst(work: Work) -> Work:
         if not 8 <= inside.sum() <= inside.size - 8:
             continue
         quiet, ratio = _without_burst(work, burst, inside)
-        error = float(np.sqrt(2.0 / inside.sum() / work.information_left[1])) + 0.05
-        if abs(np.log(ratio / burst.ratio)) < 4.0 * error:
+        error = float(np.sqrt(2.0 / inside.sum() / work.information_left[1]))
+        known = (fitted.estimates[2].std_error or TYPED_SIZE_ERROR * burst.ratio) / burst.ratio
+        z = float(np.log(ratio / burst.ratio) / np.hypot(error, known))
+        if log_p_of(z) > GIVEN_LOG_P:
             work = quiet
             continue
-        gone = abs(np.log(ratio)) < 4.0 * error
-        z = float(np.log(ratio / burst.ratio)) / error
+        gone = log_p_of(np.log(ratio) / error) > GIVEN_LOG_P
         place = Where("time", burst.from_s, burst.to_s, "s", z)
         change = Change(
             REMOVE if gone else REFIT,
             burst if gone else burst.replace(ratio=ratio),
-            -0.5 * z * z,
+            log_p_of(z),
             place,
         )
         before = replace(work, unmet=(*work.unmet, _finding(change)))
@@ -452,7 +454,7 @@ def answer_hits(work: Work, rng: np.random.Generator) -> Work:
     given = next((f for f in work.model.effects if isinstance(f.effect, Outliers)), None)
     white = work.found.white.samples
     hits = find_hits(white, _step_in_sigma(work.state))
-    if given is None and (hits.log_p > np.log(1e-4) or clustered(white, hits.mask)):
+    if given is None and (_by_chance(hits) or clustered(white, hits.mask)):
         return work
     tails = tails_log_p(white, hits.answer.best)
     if given is None and (
@@ -461,7 +463,7 @@ def answer_hits(work: Work, rng: np.random.Generator) -> Work:
         return work  # not a few hits but another distribution
     change = _hit_change(work, given, hits)
     mask = hits.drawn(rng)
-    if mask.any():
+    if mask.any() and not (change is not None and change.action == REMOVE):
         sigma = _fast_sigma(work.state.values, mask)
         values = mend(work.state.values, mask, sigma, rng)
         place = Where("amplitude", 2.5, 5.0, "sigma", 1.0)
@@ -490,31 +492,40 @@ def without_hits(work: Work, mask: np.ndarray, mended: Floats) -> Steps | None:
 
 
 def _hit_change(work: Work, given: FittedEffect | None, hits: Hits) -> Change | None:
-    """Difference in hits, beyond what the model's rate is known to and chance."""
+    """What the hits change: added, of another rate or size than given, or fewer than any."""
     white = work.found.white.samples
     sigma = _fast_sigma(work.state.values, hits.mask)
-    far = max(float(np.abs(white).max()), 5.0)
-    place = Where("amplitude", 5.0, far, "sigma", 1.0)
+    place = Where("amplitude", 5.0, max(float(np.abs(white).max()), 5.0), "sigma", 1.0)
     if given is None:
         return Change(ADD, hit_effect(hits, sigma), hits.log_p, place)
-    count, least, expected, most = float(hits.mask.sum()), *_rate_bounds(given) * white.size
-    few = gammaincc(count + 1.0, least)
-    tail = min(few, 1.0 - gammaincc(max(count, 1e-9), most))
-    log_p = float(np.log(np.clip(2.0 * tail, 1e-300, 1.0)))
-    # hits near the noise go unseen, so a deviation by half is what a count can prove
-    if log_p > np.log(1e-4) or 0.6 < count / max(expected, 1e-9) < 1.6:
-        return None
-    if count == 0.0:
-        return Change(REMOVE, given.effect, log_p, place)
-    return Change(REFIT, hit_effect(hits, sigma), log_p, place)
+    said = given.effect
+    assert isinstance(said, Outliers)
+    if _by_chance(hits):
+        far = 2.0 * ndtr(-THRESHOLD / np.hypot(1.0, said.scale / sigma))
+        least = float(given.estimates[0].lower or said.rate)
+        log_p = float(np.log(max(pdtr(hits.mask.sum(), least * white.size * far), 1e-300)))
+        return Change(REMOVE, said, log_p, place) if log_p < GIVEN_LOG_P else None
+    seen = hit_effect(hits, sigma)
+    pairs = zip(said.parameters, given.estimates, hits.errors.values(), strict=True)
+    z = max((_apart(said, seen, *pair) for pair in pairs), key=abs)
+    return Change(REFIT, seen, log_p_of(z), place) if log_p_of(z) < GIVEN_LOG_P else None
 
 
-def _rate_bounds(given: FittedEffect) -> Floats:
-    """Least, likeliest and largest rate of the model's hits; one value where it has no interval."""
-    rate = given.estimates[0]
-    least = rate.value if rate.lower is None else rate.lower
-    most = rate.value if rate.upper is None else rate.upper
-    return np.array([least, rate.value, most], dtype=float)
+def _apart(
+    given: Outliers, seen: Outliers, parameter: Parameter, said: Estimate, error: float
+) -> float:
+    """Deviation of one parameter of hits, in standard errors of its logarithm.
+
+    The law of the hits is not the catalogue's to the letter: ``OTHER_LAW`` of what is read by it.
+    """
+    first, second = (float(getattr(e, parameter.name)) for e in (given, seen))
+    known = (said.std_error or TYPED_SIZE_ERROR * first) / first
+    return float(np.log(second / first) / np.sqrt(error**2 + known**2 + OTHER_LAW**2))
+
+
+def _by_chance(hits: Hits) -> bool:
+    """Whether a clean record has samples as far out, or as many, often enough to say nothing."""
+    return bool(hits.log_p > GIVEN_LOG_P)
 
 
 def _lopsided(white: Floats, hits: Hits) -> bool:

@@ -13,6 +13,7 @@ from scipy import fft
 
 from imu_noise_id.effects.base import Effect
 from imu_noise_id.effects.bias_step import BiasStep
+from imu_noise_id.effects.gauss_markov import GaussMarkov
 from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.effects.random_telegraph import RandomTelegraph, decode
@@ -30,7 +31,7 @@ from imu_noise_id.reconcile.lines import (
     strongest_line,
 )
 from imu_noise_id.reconcile.patches import band_gain
-from imu_noise_id.reconcile.prior import FREE_STD_ERROR, SLOW, without
+from imu_noise_id.reconcile.prior import FREE_STD_ERROR, SLOW, given_effects, without
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
 from imu_noise_id.reconcile.smooth import best_course, without_steps
 from imu_noise_id.reconcile.state import Analysis, State, analyse, course_column
@@ -40,7 +41,8 @@ from imu_noise_id.selection import RESPONSES, SOURCES
 
 PRICE_PER_PARAMETER = 3.0
 PREFERENCE = 1.5
-DRIFTS = (*SLOW, "temperature", "rate_ramp", "bias_step")
+COURSES = ("temperature", "rate_ramp", "bias_step")
+DRIFTS = (*SLOW, *COURSES)
 TELEGRAPH_BLOCKS = 1500
 LEAST_JUMPS = 4
 """There and back twice."""
@@ -48,6 +50,7 @@ COLOURED_LOG_P = -9.0
 DISTINCTLY = 5.0
 """Nats by which one band must tell a window better than all of its noise: two names fit below."""
 SAME_STEP_S, SAME_STEP = 1.0, 0.02
+SAME_TIME = float(np.log(2.0))
 MOST_PER_CHANNEL = {"gauss_markov": 3, "narrow_band": 8, "periodic": 12, "bias_step": 6}
 
 
@@ -109,9 +112,10 @@ def candidates(
 def _preference(candidate: Candidate) -> float:
     """Nats in favour of one more kind of drift: values far outside their intervals are rarer.
 
-    All kinds alike, or the bonus would choose among them.
+    All kinds alike, or the bonus would choose among them; a course that the model has is one too.
     """
-    return PREFERENCE if candidate.action == ADD and candidate.effect.name in DRIFTS else 0.0
+    kinds = DRIFTS if candidate.action == ADD else COURSES if candidate.action == REFIT else ()
+    return PREFERENCE if candidate.effect.name in kinds else 0.0
 
 
 def _candidate(
@@ -143,7 +147,7 @@ def _sources(state: State, found: Analysis) -> list[Candidate]:
                 grown = replace(state, effects=(*effects, start))
                 trial = _candidate(ADD, start, price, found, grown)
                 tried.append(replace(trial, price=price + _place_price(trial.effect, state)))
-        own = [c for c in tried if not _same_band(c, state)]
+        own = [c for c in tried if not same_noise(c.effect, state.effects[: given_count(state)])]
         out += sorted(own, key=lambda c: -c.net)[:1]
     if not _count(state, "white_noise"):
         low = float(np.quantile(found.ordinates.power, 0.1))
@@ -168,14 +172,21 @@ def _place_price(effect: Effect, state: State) -> float:
     return max(float(np.log(places)) - PRICE_PER_PARAMETER, 0.0)
 
 
-def _same_band(candidate: Candidate, state: State) -> bool:
-    """Whether a band overlaps one of the given model: then its shape differs, not its number."""
-    band = candidate.effect
-    return isinstance(band, NarrowBand) and any(
-        isinstance(given, NarrowBand)
-        and abs(band.frequency_hz - given.frequency_hz) < band.bandwidth_hz + given.bandwidth_hz
-        for given in state.effects[: given_count(state)]
-    )
+def same_noise(new: Effect, given: tuple[Effect, ...]) -> bool:
+    """Whether a noise overlaps one that is given: then that one is to be refitted, not doubled.
+
+    Bands by their widths, exponentials by their times: within a factor of two the sum of both has
+    the spectrum of one.
+    """
+    if isinstance(new, NarrowBand):
+        bands = [e for e in given if isinstance(e, NarrowBand)]
+        apart = [abs(new.frequency_hz - e.frequency_hz) for e in bands]
+        reach = [new.bandwidth_hz + e.bandwidth_hz for e in bands]
+        return any(a < r for a, r in zip(apart, reach, strict=True))
+    if isinstance(new, GaussMarkov):
+        times = [e.correlation_time_s for e in given if isinstance(e, GaussMarkov)]
+        return any(abs(np.log(new.correlation_time_s / t)) < SAME_TIME for t in times)
+    return False
 
 
 def given_count(state: State) -> int:
@@ -427,7 +438,9 @@ def _refits(state: State, found: Analysis) -> list[Candidate]:
         price = PRICE_PER_PARAMETER * len(rows)
         freed = replace(state, effects=found.fit.effects, prior=without(state.prior, rows))
         trial = _candidate(REFIT, effect, price, found, freed)
-        out.append(replace(trial, effect=trial.found.fit.effects[index]))
+        moved, others = trial.found.fit.effects[index], _without(state.effects, index)
+        if same_noise(effect, others) or not same_noise(moved, others):
+            out.append(replace(trial, effect=moved))
     for index, column in enumerate(state.columns):
         if column.given and np.isfinite(column.std_error):
             freed = replace(freed_column(state, index), effects=found.fit.effects)
@@ -435,6 +448,10 @@ def _refits(state: State, found: Analysis) -> list[Candidate]:
             effect = _sized(column.effect, float(trial.found.sizes[index]))
             out.append(replace(trial, effect=effect))
     return out
+
+
+def _without(effects: tuple[Effect, ...], index: int) -> tuple[Effect, ...]:
+    return effects[:index] + effects[index + 1 :]
 
 
 def _sized(effect: Effect, size: float) -> Effect:
@@ -445,12 +462,12 @@ def _sized(effect: Effect, size: float) -> Effect:
 def _removals(state: State, found: Analysis) -> list[Candidate]:
     """Leave out one of the model's effects; worth it where its absence explains more."""
     out = []
-    for index, effect in enumerate(found.fit.effects):
+    for index, effect in enumerate(given_effects(found.fit.effects, state.prior)):
         rows = _rows_of(state, index)
         in_prior = [r for r in rows if r < state.prior.centre.size]
         if not in_prior or len(found.fit.effects) < 2:
             continue
-        effects = found.fit.effects[:index] + found.fit.effects[index + 1 :]
+        effects = _without(found.fit.effects, index)
         if not any(e.name in ("white_noise", "quantization") for e in effects):
             continue
         prior = _marginal(state, in_prior)

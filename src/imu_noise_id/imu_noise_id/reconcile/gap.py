@@ -79,15 +79,16 @@ def held_out_score(
 
 
 def _within_intervals(found: Analysis) -> Analysis:
-    """The fit with no more drift than the given model leaves open: beyond that is a gap."""
+    """The fit no farther from the given model than that leaves open: beyond is a gap."""
     state, prior = found.state, found.state.prior
     effects = within_intervals(found.fit.effects, prior)
     if effects == found.fit.effects:
         return found
     f, dt = found.ordinates.frequency_hz, found.ordinates.sample_time_s
     covariance = found.fit.covariance.copy()
-    rows = [prior.centre.size, prior.centre.size + 1]
-    covariance[rows], covariance[:, rows] = 0.0, 0.0
+    if prior.drift is not None:
+        rows = [prior.centre.size, prior.centre.size + 1]
+        covariance[rows], covariance[:, rows] = 0.0, 0.0
     spectrum = spectrum_of(effects, f, dt, state.floor)
     fit = replace(found.fit, effects=effects, spectrum=spectrum, covariance=covariance)
     return replace(found, fit=fit)

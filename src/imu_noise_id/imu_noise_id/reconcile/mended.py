@@ -212,9 +212,12 @@ def _unheld(effect: Effect, hold: float) -> Effect:
 
 
 def _estimated(work: Work, draft: Draft) -> FittedEffect:
-    """The step's effect with the values and intervals of the final fit."""
+    """The step's effect with the values and intervals of the final fit; as given if removed."""
     if draft.action == REMOVE:
-        return _with_errors(draft.effect, {}, work.channel.unit)
+        kin = [f for f in work.model.effects if _kin(f.effect, draft.effect)]
+        # what acts on a topic's transport may stand in the model of another of its channels
+        typed = _with_errors(draft.effect, {}, work.channel.unit)
+        return min(kin, key=lambda f: _distance(f.effect, draft.effect), default=typed)
     same = [e for e in _spectral_estimates(work) if e.name == draft.effect.name]
     if same:
         return min(same, key=lambda e: _distance(e.effect, draft.effect))

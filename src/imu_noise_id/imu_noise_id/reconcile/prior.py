@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from scipy.special import chdtri
 
 from imu_noise_id.effects.base import Effect, ResponseEffect, StochasticEffect
 from imu_noise_id.effects.gauss_markov import GaussMarkov
@@ -54,6 +55,8 @@ DRIFT_ORDINATES = 128
 SHORTEST_DRIFT = 1.0 / 64.0
 """Correlation time of an unseen drift over the record: faster ones reach beyond the ordinates."""
 FREE_STD_ERROR = 1e3
+BEYOND = 1e-3
+"""Chance of parameters as far from the model's, taken together."""
 SLOW = ("rate_random_walk", "gauss_markov", "bias_instability")
 LOUDEST_SEEN = 10.0
 FRACTIONS = np.concatenate(([0.0], np.geomspace(1e-4, 1.0, 60)))
@@ -175,9 +178,28 @@ class Prior:
     def cost(self, theta: Floats) -> float:
         """Nats that the distance from the model costs."""
         q = self.centre.size
-        d = self.axes.T @ (theta[:q] - self.centre)
-        cost = float(np.sum((np.sqrt(1.0 + 4.0 * d**2) - 1.0) / (4.0 * self.std_error**2)))
+        cost = self._cost_along(self.axes.T @ (theta[:q] - self.centre))
         return cost + (self.drift.cost(theta[q : q + 2]) if self.drift else 0.0)
+
+    def _cost_along(self, d: Floats) -> float:
+        return float(np.sum((np.sqrt(1.0 + 4.0 * d**2) - 1.0) / (4.0 * self.std_error**2)))
+
+    def drawn_back(self, theta: Floats) -> Floats:
+        """Log parameters (q,) no farther from the model than ``BEYOND`` of all recordings have them.
+
+        What is free stays; the rest goes straight back towards the model.
+        """
+        d = self.axes.T @ (theta - self.centre)
+        held = self.std_error < FREE_STD_ERROR
+        most = 0.5 * float(chdtri(max(np.count_nonzero(held), 1), BEYOND))
+        if self._cost_along(d) <= most:
+            return theta
+        low, high = 0.0, 1.0
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            inside = self._cost_along(np.where(held, middle * d, d)) <= most
+            low, high = (middle, high) if inside else (low, middle)
+        return np.asarray(self.centre + self.axes @ np.where(held, low * d, d))
 
     def slope_and_curvature(self, theta: Floats) -> tuple[Floats, Floats]:
         """Gradient (p,) of the cost and a curvature (p, p) that majorises it."""
@@ -286,16 +308,19 @@ def unseen_drift(
 
 
 def within_intervals(effects: tuple[Effect, ...], prior: Prior) -> tuple[Effect, ...]:
-    """Effects of a fit, an unseen drift no larger than the model leaves open."""
-    if prior.drift is None:
+    """Effects of a fit, nothing of the model's farther off than the model leaves open.
+
+    A fit leaves the intervals at a price wherever the record pays for it: that is a gap.
+    """
+    if not effects:
         return effects
     theta = parameter_vector(effects)
     q = prior.centre.size
-    kept = prior.drift.left_open(theta[q : q + 2])
-    if kept[0] == theta[q]:
-        return effects
-    theta[q : q + 2] = kept
-    return with_parameters(effects, theta)
+    kept = theta.copy()
+    kept[:q] = prior.drawn_back(theta[:q])
+    if prior.drift is not None:
+        kept[q : q + 2] = prior.drift.left_open(theta[q : q + 2])
+    return effects if np.array_equal(kept, theta) else with_parameters(effects, kept)
 
 
 def given_effects(effects: tuple[Effect, ...], prior: Prior) -> tuple[Effect, ...]:
