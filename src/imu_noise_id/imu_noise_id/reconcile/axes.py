@@ -67,12 +67,15 @@ def ties(whitened: dict[str, Whitened], models: dict[str, ChannelModel]) -> list
 
 def _tie(names: tuple[str, str], a: Floats, b: Floats, given: float, error: float) -> Tie:
     size = a.size // BANDS
-    products = (a * b)[: BANDS * size].reshape(BANDS, size).mean(axis=1)
-    # what is shared makes both louder than the model that whitened them: of what they are now
+    whole = BANDS * size
+    # channels may be far louder than the model that whitened them: of what they are in each band
+    powers = [(x[:whole] ** 2).reshape(BANDS, size).mean(axis=1) for x in (a, b)]
+    products = (a * b)[:whole].reshape(BANDS, size).mean(axis=1)
+    products = products / np.sqrt(np.maximum(powers[0] * powers[1], 1e-300))
     value = float(np.mean(a * b) / np.sqrt(np.mean(a**2) * np.mean(b**2)))
     std_error = float((1.0 - value**2) / np.sqrt(a.size))
     kept = np.sort(products - given)[TRIMMED : BANDS - TRIMMED]
-    scatter = np.sqrt((1.0 + given**2) / (BANDS * size * TRIMMED_EFFICIENCY) + error**2)
+    scatter = np.hypot((1.0 - given**2) / np.sqrt(whole * TRIMMED_EFFICIENCY), error)
     return Tie(*names, value, std_error, given, log_p_of(float(kept.mean()) / scatter))
 
 

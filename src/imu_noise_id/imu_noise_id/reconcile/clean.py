@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import gammaincc, ndtr, pdtr
 
 from imu_noise_id.dither import dithered
-from imu_noise_id.effects.base import Effect, Parameter, TransportEffect
+from imu_noise_id.effects.base import Effect, Parameter, StochasticEffect, TransportEffect
 from imu_noise_id.effects.held_samples import HeldSamples
 from imu_noise_id.effects.outliers import THRESHOLD, Outliers
 from imu_noise_id.effects.output_rounding import OutputRounding
@@ -80,10 +80,15 @@ _DRAWN = (
     "steps of {:.3g} {} are {:.1f} standard deviations of its noise, {} distinct values: what is "
     "compared are draws of what was rounded"
 )
+_NOISELESS = (
+    "the model has no noise here: its gap is told as if it had a millionth of the recording's"
+)
 ON_A_STEP = 0.1
 """Steps from the nearest multiple; what was mended is nowhere."""
 GIVEN_LOG_P = float(np.log(1e-4))
 OTHER_LAW = 0.1
+NOISELESS = 1e-6
+"""Of the record's own fast noise under a model that has none, which no finite gap is from."""
 
 
 def open_topic(
@@ -138,7 +143,12 @@ def _open(
     state = _state(model, whole, recording, index, hold, rng)
     null = load_null(state.values.size, state.sample_time_s)
     work = Work(channel, model, null, state, analyse(state), hold)
-    return replace(work, skip=_skips(model, work))
+    notes = () if _has_noise(state) else (_NOISELESS,)
+    return replace(work, skip=_skips(model, work), notes=notes)
+
+
+def _has_noise(state: State) -> bool:
+    return any(isinstance(e, StochasticEffect) for e in state.effects)
 
 
 def _skips(model: ChannelModel, work: Work) -> frozenset[str]:
@@ -189,6 +199,8 @@ def _state(
     values = _drawn(model, values, missing, dt, hold, rng)
     values, _, dither = dithered(values, dt, rng)
     state = initial_state(model, values, dt, start_s, temperature, hold)
+    if not state.floor and not _has_noise(state):
+        state = replace(state, floor=(NOISELESS * _neighbours_deviation(state)) ** 2 * dt)
     return replace(state, floor=state.floor + dither, dither=dither)
 
 

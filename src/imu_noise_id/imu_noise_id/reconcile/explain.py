@@ -462,7 +462,8 @@ def _sized(effect: Effect, size: float) -> Effect:
 def _removals(state: State, found: Analysis) -> list[Candidate]:
     """Leave out one of the model's effects; worth it where its absence explains more."""
     out = []
-    for index, effect in enumerate(given_effects(found.fit.effects, state.prior)):
+    given = given_effects(found.fit.effects, state.prior)
+    for index, effect in enumerate(given):
         rows = _rows_of(state, index)
         in_prior = [r for r in rows if r < state.prior.centre.size]
         if not in_prior or len(found.fit.effects) < 2:
@@ -470,15 +471,11 @@ def _removals(state: State, found: Analysis) -> list[Candidate]:
         effects = _without(found.fit.effects, index)
         if not any(e.name in ("white_noise", "quantization") for e in effects):
             continue
-        prior = _marginal(state, in_prior)
-        out.append(
-            replace(
-                _candidate(
-                    REMOVE, effect, 0.0, found, replace(state, effects=effects, prior=prior)
-                ),
-                effect=effect,
-            )
-        )
+        fewer = replace(state, effects=effects, prior=_marginal(state, in_prior))
+        # what the others were fitted to with it may be far from what they are without it
+        anew = replace(fewer, effects=_without(given, index))
+        tried = [_candidate(REMOVE, effect, 0.0, found, start) for start in (fewer, anew)]
+        out.append(replace(max(tried, key=lambda c: c.gain), effect=effect))
     for index, column in enumerate(state.columns):
         if column.given:
             columns = state.columns[:index] + state.columns[index + 1 :]

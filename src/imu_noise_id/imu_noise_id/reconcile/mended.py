@@ -254,7 +254,8 @@ def _rate(work: Work) -> float:
 
 
 def _distance(a: Effect, b: Effect) -> float:
-    pairs = [(float(getattr(a, n)), float(getattr(b, n))) for n in a.free()]
+    values = [(getattr(a, n), getattr(b, n)) for n in a.free()]
+    pairs = [(float(x), float(y)) for x, y in values if not isinstance(x, str)]
     return sum(abs(float(np.log(max(x, 1e-300) / max(y, 1e-300)))) for x, y in pairs)
 
 

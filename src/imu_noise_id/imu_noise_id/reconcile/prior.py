@@ -54,6 +54,7 @@ PROMISE = 1e-3
 DRIFT_ORDINATES = 128
 SHORTEST_DRIFT = 1.0 / 64.0
 """Correlation time of an unseen drift over the record: faster ones reach beyond the ordinates."""
+LONGER = 1.5
 FREE_STD_ERROR = 1e3
 BEYOND = 1e-3
 """Chance of parameters as far from the model's, taken together."""
@@ -185,7 +186,7 @@ class Prior:
         return float(np.sum((np.sqrt(1.0 + 4.0 * d**2) - 1.0) / (4.0 * self.std_error**2)))
 
     def drawn_back(self, theta: Floats) -> Floats:
-        """Log parameters (q,) no farther from the model than ``BEYOND`` of all recordings have them.
+        """Log parameters (q,) no farther from the model than in all but ``BEYOND`` of recordings.
 
         What is free stays; the rest goes straight back towards the model.
         """
@@ -282,16 +283,23 @@ def prior_of(model: ChannelModel) -> Prior:
 
 
 def unseen_drift(
-    model: ChannelModel, effects: tuple[Effect, ...], sample_time_s: float, floor: float
+    model: ChannelModel,
+    effects: tuple[Effect, ...],
+    sample_time_s: float,
+    floor: float,
+    length_s: float,
 ) -> tuple[UnseenDrift, DriftPrior] | None:
     """Room for drift under an identified model; None for a typed one, or one with a slow term.
 
-    A ramp that the model has may have been a walk: its power over the recording is room too.
+    A slow term says nothing below the ordinates of its recording: there is room where the record
+    compared, of ``length_s``, is distinctly longer.  A ramp that the model has may have been a
+    walk: its power over the recording is room too.
     """
-    known = model.log_covariance is not None and model.duration_s
-    if not known or not effects or any(model.find(name) for name in SLOW):
-        return None
     duration_s = float(model.duration_s or 0.0)
+    known = model.log_covariance is not None and duration_s > 0.0
+    slow = any(model.find(name) for name in SLOW)
+    if not known or not effects or (slow and length_s < LONGER * duration_s):
+        return None
     f = np.arange(1, DRIFT_ORDINATES + 1) / (2.0 * duration_s)
     f = f[f < 0.25 / sample_time_s]
     psd = spectrum_of(effects, f, sample_time_s, floor).psd

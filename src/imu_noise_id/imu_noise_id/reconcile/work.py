@@ -260,7 +260,7 @@ def initial_state(
         prior = Prior(parameter_vector(effects), prior.axes, prior.std_error)
     rounding = next((f.effect for f in model.effects if isinstance(f.effect, OutputRounding)), None)
     floor = rounding.added_psd(sample_time_s) if rounding else 0.0
-    drift = unseen_drift(model, effects, sample_time_s, floor)
+    drift = unseen_drift(model, effects, sample_time_s, floor, values.size * sample_time_s)
     if drift is not None:
         effects, prior = (*effects, drift[0]), replace(prior, drift=drift[1])
     state = State(values, sample_time_s, start_s, temperature, effects, prior, (), floor)

@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from imu_noise_id.effects.gauss_markov import GaussMarkov
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.intervals import ONE_SIDED_DROP
 from imu_noise_id.model import ChannelModel, Estimate, FittedEffect
 from imu_noise_id.model_file import typed_effect
 from imu_noise_id.reconcile.prior import (
+    FREE_STD_ERROR,
     TYPED_STD_ERROR,
     DriftPrior,
     Prior,
@@ -42,8 +44,8 @@ def test_typed_values_are_taken_at_their_word_and_errors_hold_without_a_covarian
 def test_only_an_identified_model_leaves_room_for_drift() -> None:
     typed = typed_effect("white_noise", NAME, {"density": 1e-4})
     effects = (WhiteNoise(1e-4),)
-    assert unseen_drift(model_of(typed), effects, 0.005, 0.0) is None
-    assert unseen_drift(model_of(typed, np.array([[1e-6]])), effects, 0.005, 0.0) is not None
+    assert unseen_drift(model_of(typed), effects, 0.005, 0.0, 600.0) is None
+    assert unseen_drift(model_of(typed, np.array([[1e-6]])), effects, 0.005, 0.0, 600.0) is not None
 
 
 def test_a_drift_costs_nothing_that_does_not_show_and_more_the_more_it_would_have() -> None:
@@ -94,3 +96,19 @@ def test_the_slope_of_the_drift_cost_is_its_derivative() -> None:
         move = np.eye(2)[row] * step
         numeric = (PRIOR.cost(theta + move) - PRIOR.cost(theta - move)) / (2.0 * step)
         assert PRIOR.slope(theta)[row] == pytest.approx(numeric, rel=0.1, abs=0.05)
+
+
+def test_a_slow_term_leaves_room_in_a_record_distinctly_longer_than_its_own() -> None:
+    typed = typed_effect("gauss_markov", NAME, {"sigma": 1e-5, "correlation_time_s": 20.0})
+    model = model_of(typed, np.diag([0.01, 0.04]))
+    effects = (GaussMarkov(1e-5, 20.0),)
+    assert unseen_drift(model, effects, 0.005, 0.0, 600.0) is None
+    assert unseen_drift(model, effects, 0.005, 0.0, 3000.0) is not None
+
+
+def test_what_lies_beyond_the_model_is_drawn_back_and_what_is_free_stays() -> None:
+    prior = Prior(np.zeros(2), np.eye(2), np.array([0.01, FREE_STD_ERROR]))
+    inside, beyond = prior.drawn_back(np.array([0.02, 3.0])), prior.drawn_back(np.array([0.5, 3.0]))
+    assert inside == pytest.approx([0.02, 3.0])
+    assert beyond[1] == 3.0
+    assert 0.025 < beyond[0] < 0.04  # 3.3 standard errors, one in a thousand

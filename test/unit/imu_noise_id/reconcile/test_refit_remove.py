@@ -11,6 +11,7 @@ from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.model_file import typed_effect
 from imu_noise_id.reconcile import Reconciliation, reconcile_recording
 from imu_noise_id.recording import Channel, Floats, Recording, unit_of
+from scipy.signal import lfilter
 
 NAMES = ("linear_acceleration.x", "linear_acceleration.y")
 RATE_HZ, N = 100.0, 12_000
@@ -167,3 +168,60 @@ def test_a_level_that_jumps_and_comes_back_is_two_steps_and_no_walk() -> None:
     values = noise()
     values[0, 4_000:7_500] += 0.01
     assert steps(reconciled(values)) == [("add", "bias_step"), ("add", "bias_step")]
+
+
+def test_a_burst_louder_than_given_is_refitted() -> None:
+    values = noise()
+    values[0, 4_000:6_000] *= np.sqrt(1.6)
+    given = {"from_s": 40.0, "to_s": 60.0, "ratio": 1.25}
+    assert steps(reconciled(values, ("variance_change", given))) == [("refit", "variance_change")]
+
+
+def test_a_faster_memory_of_another_size_is_refitted_and_not_doubled() -> None:
+    decay = float(np.exp(-0.01 / 0.5))
+    kicks = np.random.default_rng(10).uniform(-1.0, 1.0, N) * np.sqrt(3.0 * (1.0 - decay**2))
+    slow = np.asarray(lfilter([1.0], [1.0, -decay], kicks)) * 4e-3
+    values = noise() + np.stack((slow, np.zeros(N)))
+    slower = ("gauss_markov", {"sigma": 1e-4, "correlation_time_s": 20.0})
+    faster = ("gauss_markov", {"sigma": 2e-3, "correlation_time_s": 0.5})
+    result = reconciled(values, slower, faster)
+    assert steps(result) == [("refit", "gauss_markov")]
+    (step,) = result.channel(NAMES[0]).steps
+    assert step.effect.estimates[0].value == pytest.approx(4e-3, rel=0.2)
+
+
+def test_one_sample_that_chance_allows_is_no_rest_of_outliers_that_are_gone() -> None:
+    values = noise()
+    values[0, 777] = 5.3 * SIGMA
+    result = reconciled(values, ("outliers", {"rate": 2e-3, "scale": 0.2}))
+    assert steps(result) == [("remove", "outliers")]
+
+
+def test_outliers_too_small_to_be_seen_are_not_removed() -> None:
+    given = {"rate": 5e-4, "scale": 2.0 * SIGMA}
+    assert steps(reconciled(noise(), ("outliers", given))) == []
+
+
+def test_what_is_removed_is_told_as_the_model_has_it() -> None:
+    given = {"cutoff_hz": 12.0, "order": 2.0, "damping": 0.7}
+    (step,) = reconciled(noise(), ("bandwidth_limit", given)).channel(NAMES[0]).steps
+    assert (step.action, step.effect.name) == ("remove", "bandwidth_limit")
+    assert [e.value for e in step.effect.estimates] == [12.0, 2.0, 0.7]
+    assert step.held_out.gap_before > 10.0
+
+
+def test_a_model_without_noise_is_given_the_recordings() -> None:
+    stamps = np.arange(N) * 10_000_000
+    still = np.ones(N, dtype=bool)
+    channels = tuple(
+        Channel("/imu/data", name, unit_of(name), stamps, v, still, RATE_HZ)
+        for name, v in zip(NAMES, noise(), strict=True)
+    )
+    silent = tuple(ChannelModel(n, "/imu/data", unit_of(n), RATE_HZ, 0.0, ()) for n in NAMES)
+    result = reconcile_recording(Recording("silent", 0, channels), NoiseModel(silent))
+    for name in NAMES:
+        channel = result.channel(name)
+        assert channel.verdict == "explained"
+        assert steps(result, name) == [("add", "white_noise")]
+        assert channel.steps[0].effect.estimates[0].value == pytest.approx(DENSITY, rel=0.03)
+        assert "no noise" in channel.notes[0]

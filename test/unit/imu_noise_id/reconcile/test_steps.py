@@ -25,7 +25,7 @@ def state_of(seed: int, height: float, at_s: float = 400.0) -> State:
     known = np.array([[1.0 / (2.0 * N)]])
     model = ChannelModel(NAME, "", "rad/s", 20.0, 0.0, (white,), known, 600.0)
     effects = (WhiteNoise(DENSITY),)
-    drift = unseen_drift(model, effects, DT, 0.0)
+    drift = unseen_drift(model, effects, DT, 0.0, N * DT)
     assert drift is not None
     prior = replace(prior_of(model), drift=drift[1])
     return State(values, DT, 0.0, None, (*effects, drift[0]), prior)
