@@ -16,6 +16,7 @@ from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.reconcile.axes import Tie, ties
 from imu_noise_id.reconcile.clean import answer_hits, open_topic
+from imu_noise_id.reconcile.common import COMMON_NOISE, of_one_noise
 from imu_noise_id.reconcile.compare import Finding, Findings
 from imu_noise_id.reconcile.explain import (
     MOST_PER_CHANNEL,
@@ -56,6 +57,7 @@ def reconcile_recording(
     workers: int = 2,
     false_alarm_rate: float = FALSE_ALARM_RATE,
     progress: Callable[[str], None] | None = None,
+    simulation: Recording | None = None,
 ) -> Reconciliation:
     """Compare a recording with a model, name what is missing, and mend the model.
 
@@ -73,6 +75,8 @@ def reconcile_recording(
         Chance that a recording of the model itself is changed in any channel.
     progress : callable, optional
         Told each channel's name when it is done.
+    simulation : Recording, optional
+        From which the model was identified: slow noise that both may have is no difference.
 
     Returns
     -------
@@ -93,6 +97,13 @@ def reconcile_recording(
 
     with ThreadPoolExecutor(max(workers, 1)) as pool:
         results = dict(zip(works, pool.map(explained, works), strict=True))
+    if simulation is not None:
+        played, _ = _opened(simulation, model, seed, false_alarm_rate)
+        for name in results.keys() & played.keys():
+            trio = results[name], works[name], played[name]
+            if of_one_noise(*trio, levels.channel):
+                notes = (*works[name].notes, COMMON_NOISE)
+                results[name] = replace(results[name], drafts=(), notes=notes)
     return _assemble(recording, model, results, levels)
 
 
