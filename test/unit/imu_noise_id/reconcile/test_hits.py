@@ -88,7 +88,7 @@ def test_hollow_hits_are_outliers_and_leave_nothing_to_explain(seed: int) -> Non
 def test_hits_that_do_not_come_are_taken_back_if_their_rate_was_known(
     least: float | None, said: list[str]
 ) -> None:
-    hits = typed_effect("outliers", NAME, {"rate": 3e-4, "scale": 6.0 * SIGMA})
+    hits = typed_effect("outliers", NAME, {"rate": 3e-4, "scale": 12.0 * SIGMA})
     rate = replace(hits.estimates[0], lower=least, upper=least and 2e-3)
     model = its_model()
     (channel,) = model.channels
