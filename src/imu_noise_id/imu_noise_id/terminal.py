@@ -145,7 +145,9 @@ def fleet_table(tree: dict[str, Any]) -> Table:
 
 
 def _score(score: float) -> str:
-    return f"{score:.2f}" if math.isfinite(score) else "-"
+    if not math.isfinite(score):
+        return "-"
+    return f"{score:.2f}" if score < 1000.0 else f"{score:.1g}"
 
 
 def reconciliation_table(result: Reconciliation) -> Table:

@@ -10,6 +10,7 @@ from imu_noise_id.commands.console import Parser, check_folder, progress, run, s
 
 if TYPE_CHECKING:
     from imu_noise_id.model import NoiseModel
+    from imu_noise_id.recording import Recording
 
 _EXAMPLES = """\
   ros2 run imu_noise_id reconcile --bag my_bag --model old/model.yaml --output out
@@ -42,13 +43,13 @@ def parser() -> Parser:
         action="append",
         default=[],
         metavar="[KIND=]TOPIC",
-        help="topic of the recording to use, as for identify",
+        help="topic to use, as for identify; of the simulator's recording too, if it has it",
     )
     return arguments
 
 
-def given_model(options: argparse.Namespace) -> NoiseModel:
-    """Return the model to be checked: a file's, or that of a simulator's recording.
+def given_model(options: argparse.Namespace) -> tuple[NoiseModel, Recording | None]:
+    """Return the model to be checked: a file's, or that of a simulator's recording, and this.
 
     Raises
     ------
@@ -58,17 +59,31 @@ def given_model(options: argparse.Namespace) -> NoiseModel:
     from imu_noise_id.model_file import load_model
 
     if options.model is not None:
-        return load_model(options.model)
-    from imu_noise_id.bags import read_recording
+        return load_model(options.model), None
     from imu_noise_id.identify import identify_recording
 
-    return identify_recording(read_recording(options.simulation)).model
+    simulation = _read(options.simulation, options)
+    warn([f"{options.simulation}: {note}" for note in simulation.notes])
+    return identify_recording(simulation).model, simulation
+
+
+def _read(bag: str, options: argparse.Namespace) -> Recording:
+    """Read one of the bags, by the topics asked for that it has or that none has."""
+    from imu_noise_id.bags import list_topics, read_recording
+    from imu_noise_id.commands.identify import topic_names
+
+    bags = [b for b in (options.bag, options.simulation) if b]
+    held = {b: {topic.name for topic in list_topics(b)} for b in bags} if options.topic else {}
+
+    def meant(topic: str) -> bool:
+        return topic in held[bag] or not any(topic in names for names in held.values())
+
+    asked = [item for item in options.topic if meant(item.rpartition("=")[2])]
+    return read_recording(bag, topic_names(asked, bag))
 
 
 def work(options: argparse.Namespace) -> None:
     """Read, reconcile, write."""
-    from imu_noise_id.bags import read_recording
-    from imu_noise_id.commands.identify import topic_names
     from imu_noise_id.errors import InputError
     from imu_noise_id.files import write_or_keep, write_text
     from imu_noise_id.model_file import save_model
@@ -79,14 +94,16 @@ def work(options: argparse.Namespace) -> None:
 
     output = Path(options.output)
     check_folder(output)
-    model = given_model(options)
-    recording = read_recording(options.bag, topic_names(options.topic, options.bag))
+    model, simulation = given_model(options)
+    recording = _read(options.bag, options)
     shared = {c.name for c in model.channels} & {c.name for c in recording.channels}
     if not shared:
         names = ", ".join(c.name for c in recording.channels)
         raise InputError(f"{options.bag}: its channels ({names}) are not in the model")
     with progress(len(shared) + 1, "comparing") as advance:
-        result = reconcile_recording(recording, model, options.seed, progress=advance)
+        result = reconcile_recording(
+            recording, model, options.seed, progress=advance, simulation=simulation
+        )
         advance("writing the report")
         page = reconciliation_page(recording, model, result)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import gammaincc, ndtr, pdtr
 
-from imu_noise_id.dither import dithered
+from imu_noise_id.dither import DEPTH, dithered
 from imu_noise_id.effects.base import Effect, Parameter, StochasticEffect, TransportEffect
 from imu_noise_id.effects.held_samples import HeldSamples
 from imu_noise_id.effects.outliers import THRESHOLD, Outliers
@@ -15,6 +15,7 @@ from imu_noise_id.effects.output_rounding import OutputRounding
 from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.effects.saturation import one_sided_limit
 from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
+from imu_noise_id.gaps import draw_missing
 from imu_noise_id.lattice import angle_note, of_an_angle
 from imu_noise_id.model import ChannelModel, Estimate, FittedEffect
 from imu_noise_id.ordinates import fast_length
@@ -36,7 +37,7 @@ from imu_noise_id.reconcile.contamination import (
     timing_changes,
 )
 from imu_noise_id.reconcile.explain import quieten
-from imu_noise_id.reconcile.filling import filled, lifted
+from imu_noise_id.reconcile.filling import filled, hollow_spectrum, lifted
 from imu_noise_id.reconcile.lines import PRESENT_NATS, given_span, has_span, line_index, steadied
 from imu_noise_id.reconcile.null import load_null, log_p_of, z_of
 from imu_noise_id.reconcile.prior import given_effects
@@ -196,8 +197,9 @@ def _state(
         regressor_s = (regressor.stamp_ns - recording.start_ns) * 1e-9
         time_s = start_s + dt * np.arange(values.size)
         temperature = np.interp(time_s, regressor_s, regressor.values)
-    values = _drawn(model, values, missing, dt, hold, rng)
-    values, _, dither = dithered(values, dt, rng)
+    hollow = hollow_spectrum(values, missing, dt) if missing.any() and not missing.all() else None
+    values = _drawn(model, values, missing, dt, hold, hollow, rng)
+    values, _, dither = dithered(values, dt, rng, 0.0 if hollow is None else float(missing.mean()))
     state = initial_state(model, values, dt, start_s, temperature, hold)
     if not state.floor and not _has_noise(state):
         state = replace(state, floor=(NOISELESS * _neighbours_deviation(state)) ** 2 * dt)
@@ -210,10 +212,14 @@ def _drawn(
     missing: np.ndarray,
     sample_time_s: float,
     hold: float,
+    hollow: tuple[Floats, Floats] | None,
     rng: np.random.Generator,
 ) -> Floats:
-    """Bridged values with the missing ones drawn from the model, where they are many."""
-    if not MOST_BRIDGED < missing.mean() < 1.0:
+    """Bridged values with the missing ones drawn from the model, where they are many.
+
+    And where the record is as good as empty at some frequencies: then as it is there itself.
+    """
+    if missing.all() or (hollow is None and missing.mean() <= MOST_BRIDGED):
         return bridged
     state = initial_state(model, bridged, sample_time_s, 0.0, None, hold)
     if not state.effects:
@@ -226,8 +232,23 @@ def _drawn(
     both = ~(missing[1:] | missing[:-1])
     seen = (_fast_sigma(bridged, missing) ** 2) if both.any() else 0.0
     scale = 2.0 * seen / said if seen > 0.0 else 1.0
+    if hollow is not None:
+        psd = _as_seen(scale / inverse, sample_time_s, *hollow)
+        grid = np.arange(psd.size) / (2.0 * psd.size * sample_time_s)
+
+        def law(frequency_hz: Floats) -> Floats:
+            return np.asarray(np.interp(frequency_hz, grid, psd))
+
+        return draw_missing(bridged, ~missing, sample_time_s, law, rng)
     psd = lifted(bridged, scale / inverse, sample_time_s)
     return filled(bridged, missing, psd, sample_time_s, rng)
+
+
+def _as_seen(psd: Floats, sample_time_s: float, frequency_hz: Floats, seen: Floats) -> Floats:
+    """A spectrum at the ordinates, replaced by the one seen from its first frequency on."""
+    grid = np.arange(psd.size) / (2.0 * psd.size * sample_time_s)
+    known = np.exp(np.interp(grid, frequency_hz, np.log(np.maximum(seen, 1e-300))))
+    return np.maximum(np.where(grid < frequency_hz[0], psd, known), DEPTH * float(np.median(seen)))
 
 
 def _fast_sigma(values: Floats, missing: np.ndarray) -> float:

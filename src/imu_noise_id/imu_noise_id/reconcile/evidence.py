@@ -80,5 +80,10 @@ def sentence(
     else:
         what = f"{thing} is in the model and not in the recording"
     note = f"; {fitted.note}" if fitted.note else ""
-    gap = f"gap {unseen[0]:.1f} -> {unseen[1]:.1f} on unseen data{note}"
+    gap = f"gap {gap_text(unseen[0])} -> {gap_text(unseen[1])} on unseen data{note}"
     return f"{channel_label(name)}: {what} ({gap})"
+
+
+def gap_text(score: float) -> str:
+    """Return a gap with as many digits as mean anything."""
+    return f"{score:.1f}" if score < 1000.0 else f"{score:.1g}"

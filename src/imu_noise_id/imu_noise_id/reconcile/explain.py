@@ -31,7 +31,13 @@ from imu_noise_id.reconcile.lines import (
     strongest_line,
 )
 from imu_noise_id.reconcile.patches import band_gain
-from imu_noise_id.reconcile.prior import FREE_STD_ERROR, SLOW, given_effects, without
+from imu_noise_id.reconcile.prior import (
+    FREE_STD_ERROR,
+    SLOW,
+    UnseenDrift,
+    given_effects,
+    without,
+)
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
 from imu_noise_id.reconcile.smooth import best_course, without_steps
 from imu_noise_id.reconcile.state import Analysis, State, analyse, course_column
@@ -233,6 +239,9 @@ def _at_its_level(filtered: Candidate, before: Analysis) -> Candidate:
     gain, price = analyse(free).objective - before.objective, filtered.price + PRICE_PER_PARAMETER
     if gain - price <= filtered.net:
         return filtered
+    alone = replace(before.state, effects=before.fit.effects, prior=free.prior)
+    if gain - (analyse(alone).objective - before.objective) <= filtered.price:
+        return filtered  # the level gains it, and a filter that does nothing comes with it
     return replace(filtered, gain=gain, price=price)
 
 
@@ -471,10 +480,15 @@ def _removals(state: State, found: Analysis) -> list[Candidate]:
         effects = _without(found.fit.effects, index)
         if not any(e.name in ("white_noise", "quantization") for e in effects):
             continue
-        fewer = replace(state, effects=effects, prior=_marginal(state, in_prior))
+        prior = _marginal(state, in_prior)
         # what the others were fitted to with it may be far from what they are without it
-        anew = replace(fewer, effects=_without(given, index))
-        tried = [_candidate(REMOVE, effect, 0.0, found, start) for start in (fewer, anew)]
+        starts = [effects, _without(given, index)]
+        if prior.drift is not None and effect.name in SLOW:
+            # nor may the room for drift take over, unsaid, what is no more in the model
+            prior = replace(prior, drift=None)
+            starts = [tuple(e for e in some if not isinstance(e, UnseenDrift)) for some in starts]
+        without_it = [replace(state, effects=start, prior=prior) for start in starts]
+        tried = [_candidate(REMOVE, effect, 0.0, found, start) for start in without_it]
         out.append(replace(max(tried, key=lambda c: c.gain), effect=effect))
     for index, column in enumerate(state.columns):
         if column.given:

@@ -24,6 +24,37 @@ TOGETHER = (1, 16)
 """Bins that are looked at together: a line stands in one, a drift in many."""
 SETTLED = 1e-4
 """Residual over the right side at which the solution counts."""
+STRETCHES = (256, 64)
+"""Samples of the complete stretches whose spectrum is read, the longest if there are enough."""
+ENOUGH = 8
+EMPTY = 0.05
+"""Power of the emptiest frequencies over the median at which a fill of the wrong colour shows."""
+SKIPPED = 4
+"""Bins of a stretch that its mean and its taper spoil."""
+
+
+def hollow_spectrum(
+    values: Floats, missing: Mask, sample_time_s: float
+) -> tuple[Floats, Floats] | None:
+    """Frequencies and two-sided spectrum of a record, if it is as good as empty at some.
+
+    A digital low pass leaves nothing at half the rate, and what is filled in there is seen over the
+    whole record.  The spectrum is that of complete stretches, tapered (Welch 1967), so that it does
+    not matter what any model says.
+    """
+    for size in STRETCHES:
+        count = values.size // size
+        whole = ~missing[: count * size].reshape(count, size).any(axis=1)
+        if whole.sum() < ENOUGH:
+            continue
+        parts = values[: count * size].reshape(count, size)[whole]
+        taper = np.hanning(size)
+        spectra = np.abs(np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * taper)) ** 2
+        psd = spectra.mean(axis=0)[SKIPPED:] * sample_time_s / float(taper @ taper)
+        if psd.min() > EMPTY * np.median(psd):
+            return None
+        return np.arange(SKIPPED, SKIPPED + psd.size) / (size * sample_time_s), psd
+    return None
 
 
 def lifted(bridged: Floats, psd: Floats, sample_time_s: float) -> Floats:

@@ -37,6 +37,8 @@ from imu_noise_id.recording import Channel, Floats, Recording
 from imu_noise_id.simulate import in_order
 
 QUANTILE = 1.959963984540054
+UNKNOWN = 3.0
+"""Relative standard error from which the interval would be of five decades."""
 TEMPERATURE_POINTS = 500
 
 
@@ -316,7 +318,9 @@ def _with_errors(effect: Effect, errors: dict[str, float], unit: str) -> FittedE
         value = getattr(effect, parameter.name)
         error = errors.get(parameter.name)
         lower = upper = None
-        if error is not None and parameter.positive and value > 0.0:
+        if error is not None and parameter.positive and error > UNKNOWN * value > 0.0:
+            error = None  # the record does not tell it: no interval is better than one of decades
+        elif error is not None and parameter.positive and value > 0.0:
             spread = float(np.exp(min(QUANTILE * error / value, 50.0)))
             lower, upper = value / spread, value * spread
         elif error is not None:

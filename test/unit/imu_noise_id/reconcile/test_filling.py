@@ -1,12 +1,16 @@
 """Lost samples are filled with what the model has there, and so leave no trace."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from imu_noise_id.model import ChannelModel, NoiseModel
+from imu_noise_id.effects.bandwidth_limit import DigitalBandwidthLimit
+from imu_noise_id.model import ChannelModel, FittedEffect, NoiseModel
 from imu_noise_id.model_file import typed_effect
 from imu_noise_id.reconcile import Reconciliation, reconcile_recording
 from imu_noise_id.reconcile.filling import filled
 from imu_noise_id.recording import Channel, Recording
+from scipy.signal import butter, lfilter
 
 NAME, RATE_HZ, COUNT = "angular_velocity.x", 100.0, 30_000
 SIGMA, MEMORY_S = 0.2, 20.0
@@ -22,7 +26,12 @@ def course(rng: np.random.Generator) -> np.ndarray:
     return np.array(out)
 
 
-def reconciled(values: np.ndarray, kept: np.ndarray, slow: bool = True) -> Reconciliation:
+def reconciled(
+    values: np.ndarray,
+    kept: np.ndarray,
+    slow: bool = True,
+    *more: FittedEffect,
+) -> Reconciliation:
     stamps = np.rint(np.arange(COUNT) / RATE_HZ * 1e9).astype(np.int64)[kept]
     still = np.ones(stamps.size, dtype=bool)
     channel = Channel("/imu/data", NAME, "rad/s", stamps, values[kept], still, RATE_HZ)
@@ -30,6 +39,7 @@ def reconciled(values: np.ndarray, kept: np.ndarray, slow: bool = True) -> Recon
     if slow:
         numbers = {"sigma": SIGMA, "correlation_time_s": MEMORY_S}
         effects.append(typed_effect("gauss_markov", NAME, dict(numbers)))
+    effects += more
     given = ChannelModel(NAME, "/imu/data", "rad/s", RATE_HZ, 0.0, tuple(effects))
     return reconcile_recording(Recording("made", 0, (channel,)), NoiseModel((given,)), 0, 1)
 
@@ -85,3 +95,24 @@ def test_a_draw_has_the_models_power_at_all_frequencies() -> None:
     for low, high in ((8, 200), (200, 1_000), (1_000, 5_000), (5_000, COUNT)):
         share = power[low:high].mean()
         assert abs(share - 1.0) < 4.0 * np.sqrt(2.0 / (high - low))  # standard errors
+
+
+@pytest.mark.parametrize("together", [True, False])
+@pytest.mark.parametrize("known", [True, False])
+def test_a_low_passed_record_with_losses_is_held_against_its_spectrum(
+    together: bool, known: bool
+) -> None:
+    """A digital low pass has a double zero at half the rate, where a white fill stood out."""
+    values = lfilter(*butter(2, 0.4), np.random.default_rng([3, known]).standard_normal(COUNT))
+    kept = np.ones(COUNT, dtype=bool)
+    if together:
+        kept[11_000:11_300] = False
+    else:
+        kept = lost(np.random.default_rng(4), 0.01, False)
+    analog = typed_effect("bandwidth_limit", NAME, {"cutoff_hz": 20.0, "order": 2, "damping": 0.7})
+    low_pass = replace(analog, effect=DigitalBandwidthLimit(20.0, 2.0, 0.7071))
+    (channel,) = reconciled(np.asarray(values), kept, False, *[low_pass] * known).channels
+    said = ["dropouts"] if known else ["dropouts", "bandwidth_limit"]
+    assert [step.effect.name for step in channel.steps if step.action == "add"] == said
+    assert channel.verdict == "explained"
+    assert channel.after.score < 1.3
