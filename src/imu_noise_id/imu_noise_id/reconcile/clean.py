@@ -38,6 +38,7 @@ from imu_noise_id.reconcile.contamination import (
 )
 from imu_noise_id.reconcile.explain import quieten
 from imu_noise_id.reconcile.filling import filled, hollow_spectrum, lifted
+from imu_noise_id.reconcile.impulses import Impulses, impulses, rest_of
 from imu_noise_id.reconcile.lines import PRESENT_NATS, given_span, has_span, line_index, steadied
 from imu_noise_id.reconcile.null import load_null, log_p_of, z_of
 from imu_noise_id.reconcile.prior import given_effects
@@ -71,7 +72,8 @@ STAIRS = frozenset(
 STRETCHES = 32
 CLUSTERED_LOG_P = -9.0
 TAILS_LOG_P = -14.0
-MOST_HITS = 0.02
+MOST_HITS, MOST_TOLD_APART, TOLD_APART = 0.02, 0.05, 20.0
+"""Share of hits, also where a mixture is so many nats likelier than any law of long tails."""
 _ONE_SIDED = (
     "samples pile up at {:.4g} {} and go beyond it on the other side: clipped on one side only, "
     "which no full scale does"
@@ -485,20 +487,19 @@ def _given_for_a_while(work: Work, index: int, noted: bool) -> Work:
 def answer_hits(work: Work, rng: np.random.Generator) -> Work:
     """Mask and mend outliers, and say so where the model does not have as many."""
     given = next((f for f in work.model.effects if isinstance(f.effect, Outliers)), None)
-    white = work.found.white.samples
-    hits = find_hits(white, _step_in_sigma(work.state))
+    single = _single_samples(work)
+    white = single.unit
+    hits = _hits_of(single, work.state)
     if given is None and (_by_chance(hits) or clustered(white, hits.mask)):
         return work
     tails = tails_log_p(white, hits.answer.best)
-    if given is None and (
-        tails < TAILS_LOG_P or hits.answer.rate > MOST_HITS or _lopsided(white, hits)
-    ):
+    most = MOST_TOLD_APART if hits.answer.tails < -TOLD_APART else MOST_HITS
+    if given is None and (tails < TAILS_LOG_P or hits.answer.rate > most or _lopsided(white, hits)):
         return work  # not a few hits but another distribution
-    change = _hit_change(work, given, hits)
+    change = _hit_change(work, given, hits, single)
     mask = hits.drawn(rng)
     if mask.any() and not (change is not None and change.action == REMOVE):
-        sigma = _fast_sigma(work.state.values, mask)
-        values = mend(work.state.values, mask, sigma, rng)
+        values = _mended(work, mask, single, rng)
         place = Where("amplitude", 2.5, 5.0, "sigma", 1.0)
         after = replace(
             work,
@@ -516,6 +517,32 @@ def answer_hits(work: Work, rng: np.random.Generator) -> Work:
     return replace(done, drafts=(*done.drafts[:-1], last))
 
 
+def _single_samples(work: Work) -> Impulses:
+    """Samples less what others say of them, under a fit that no hits have spoilt."""
+    single = impulses(work.found)
+    mask = _hits_of(single, work.state).mask
+    if not mask.any():
+        return single
+    hit = np.where(mask, single.samples, 0.0)
+    found = analyse(work.state.with_values(work.state.values - hit))
+    return impulses(found, rest_of(found) + hit)
+
+
+def _hits_of(single: Impulses, state: State) -> Hits:
+    step = _step_in_sigma(state) * _neighbours_deviation(state) / single.expected
+    return find_hits(single.unit, step)
+
+
+def _mended(work: Work, mask: np.ndarray, single: Impulses, rng: np.random.Generator) -> Floats:
+    """Values with the masked ones drawn as the noise has them between the others."""
+    dt = work.state.sample_time_s
+    inverse = single.inverse.copy()
+    inverse[0] = inverse[1]
+    louder = single.sigma**2 * dt * float(np.mean(single.inverse))
+    drawn = filled(single.rest, mask, louder / inverse, dt, rng)
+    return np.asarray(work.state.values + np.where(mask, drawn - single.rest, 0.0))
+
+
 def without_hits(work: Work, mask: np.ndarray, mended: Floats) -> Steps | None:
     """The steps of a record without its hits, the values mended there."""
     steps = work.steps
@@ -524,10 +551,11 @@ def without_hits(work: Work, mask: np.ndarray, mended: Floats) -> Steps | None:
     return replace(steps, missing=steps.missing | mask, drawn=mended)
 
 
-def _hit_change(work: Work, given: FittedEffect | None, hits: Hits) -> Change | None:
+def _hit_change(
+    work: Work, given: FittedEffect | None, hits: Hits, single: Impulses
+) -> Change | None:
     """What the hits change: added, of another rate or size than given, or fewer than any."""
-    white = work.found.white.samples
-    sigma = _fast_sigma(work.state.values, hits.mask)
+    white, sigma = single.unit, single.sigma
     place = Where("amplitude", 5.0, max(float(np.abs(white).max()), 5.0), "sigma", 1.0)
     if given is None:
         return Change(ADD, hit_effect(hits, sigma), hits.log_p, place)
