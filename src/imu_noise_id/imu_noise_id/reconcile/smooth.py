@@ -16,9 +16,10 @@ from imu_noise_id.effects.base import Effect
 from imu_noise_id.effects.bias_step import BiasStep
 from imu_noise_id.reconcile.prior import given_effects
 from imu_noise_id.reconcile.state import Analysis, Column, State, analyse, inverse_psd
+from imu_noise_id.reconcile.steps import SHORTEST_S
 from imu_noise_id.recording import Floats
 
-SHARE, SHORTEST_S = 0.05, 20.0
+SHARE = 0.05
 LONGEST = 3.0
 """Length over the record's: of a relaxation, three times its time constant."""
 LENGTHS, PLACES = 10, 64

@@ -73,3 +73,13 @@ def test_a_jump_of_the_level_is_a_step_of_its_height_and_no_hits() -> None:
     assert (channel.verdict, step.effect.name) == ("explained", "bias_step")
     assert step.effect.effect.time_s == pytest.approx(JUMP / RATE_HZ, abs=1.0)
     assert step.effect.effect.height == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize("edge_s", [0.3, 1.0, 2.0])
+def test_a_step_with_an_edge_is_one_step_of_its_whole_height(edge_s: float) -> None:
+    since = (np.arange(COUNT) - JUMP) / RATE_HZ
+    (channel,) = reconciled(positions(7) + 0.25 * (1.0 + np.tanh(since / (2.0 * edge_s)))).channels
+    (step,) = channel.steps
+    assert (channel.verdict, step.effect.name) == ("explained", "bias_step")
+    assert step.effect.effect.time_s == pytest.approx(JUMP / RATE_HZ, abs=2.0)
+    assert step.effect.effect.height == pytest.approx(0.5, abs=0.1)

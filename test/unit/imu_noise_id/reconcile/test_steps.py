@@ -11,7 +11,8 @@ from imu_noise_id.model import ChannelModel
 from imu_noise_id.model_file import typed_effect
 from imu_noise_id.reconcile.prior import prior_of, unseen_drift
 from imu_noise_id.reconcile.state import State, analyse
-from imu_noise_id.reconcile.steps import best_step, scan_density
+from imu_noise_id.reconcile.steps import best_step, scan_density, step_scores, telling_edges
+from scipy import fft
 
 N, DT, DENSITY = 12000, 0.05, 1e-3
 NAME = "angular_velocity.x"
@@ -48,3 +49,24 @@ def test_without_a_step_the_best_one_gains_little() -> None:
         found = analyse(state)
         assert best_step(state, found).gain < 9.0
         assert 1.0 < scan_density(state, found) < 20.0
+
+
+def test_edges_tell_nothing_in_white_noise_and_much_on_a_walk() -> None:
+    half = np.sin(0.5 * np.pi * np.arange(N) / N)
+    assert telling_edges(np.ones(N), 64) == [1]
+    assert telling_edges(half**2, 64) == [1, 2, 4, 8, 16, 32, 64]
+
+
+def test_the_score_of_an_edged_step_is_that_of_least_squares() -> None:
+    edge, at = 6, 5000
+    rng = np.random.default_rng(2)
+    inverse = np.concatenate(([0.0], 1.0 / (0.01 + 1.0 / np.arange(1, N))))
+    coefficients = rng.standard_normal(N)
+    z, power, _ = step_scores(coefficients, inverse, DT, edge)
+    twice = np.convolve(np.full(edge, 1.0 / edge), np.full(edge, 1.0 / edge))
+    step = np.convolve(np.arange(N + 2 * (edge - 1)) > at + edge - 1, twice, mode="valid")
+    shape = fft.dct(step, norm="ortho")
+    weight = inverse * DT
+    energy = float(np.sum(weight * shape**2))
+    assert power[at] == pytest.approx(energy, rel=1e-6)
+    assert z[at] == pytest.approx(float(np.sum(weight * shape * coefficients)) / energy**0.5)
