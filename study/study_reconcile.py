@@ -51,8 +51,8 @@ from scipy.stats import chi2  # noqa: E402
 CLEAR_NATS, HALF_NATS = 30.0, 15.0
 SOUGHT_NATS = {"periodic": 12.0, "narrow_band": 7.0, "variance_change": 7.0}
 """What the search over places costs anyone, beyond a known place: see what can be seen."""
-POWER_NATS = (7.5, 60.0, 120.0)
-POWER_KINDS = ("periodic", "narrow_band", "gauss_markov", "bias_step", "variance_change")
+POWER_NATS = (7.5, 22.5, 45.0, 60.0)
+"""Beside 15 and 30, which every effect has: twice each of these but one is there too."""
 PAIRS = (
     "periodic&rate_ramp",
     "narrow_band&output_rounding",
@@ -69,6 +69,7 @@ CERTAIN_KINDS = {
     *("held_samples", "timestamp_jitter", "dropouts"),
 }
 """Not graded in nats, far above any threshold; at half strength half as much of it."""
+GRADED = tuple(k for k in hidden.KINDS if k not in CERTAIN_KINDS)
 
 
 @dataclass(frozen=True)
@@ -307,7 +308,7 @@ def tasks(runs: int, controls: int, only: Iterable[str], first_seed: int) -> lis
         "own form": (runs, hidden.OWN_FORMS, (4.0 * CLEAR_NATS,)),
         "typed": (runs / 4, hidden.KINDS, (CLEAR_NATS,)),
         "typed half": (runs / 4, hidden.KINDS, (HALF_NATS,)),
-        "power": (runs / 4, POWER_KINDS, POWER_NATS),
+        "power": (runs / 4, GRADED, POWER_NATS),
     }
     for kind, more in SOUGHT_NATS.items():
         sections[f"sought per {kind}"] = (runs / 4, (kind,), (HALF_NATS + more,))
@@ -350,6 +351,7 @@ def report(results: Iterable[dict[str, Any]]) -> str:
         HEAD,
         _controls(lines),
         _attainable(),
+        _power(lines),
         *(_names(lines, section, title) for section, title in SECTIONS),
         _coverage(lines),
         _second(lines),
@@ -369,7 +371,6 @@ SECTIONS = (
     ("pairs", "Two effects, on one channel (&) or on two (+)"),
     ("loud", "A simulator's recording whose white noise is a tenth too loud on all channels"),
     ("lacking", "A simulator's recording that lacks three effects at once"),
-    ("power", "Power against strength, six channels"),
     ("outside", "In no catalogue: right is any answer but a closed gap under a wrong name"),
 )
 
@@ -427,16 +428,42 @@ def _attainable() -> str:
     for name, nats in needed.items():
         cells = " | ".join(f"{100 * seen(g, nats):.0f} %" for g in SEEN_AT)
         rows.append(f"| {name} | {nats:.1f} | {cells} |")
-    graded = [k for k in hidden.KINDS if k not in CERTAIN_KINDS]
     most = [
-        float(seen(HALF_NATS, needed[NEEDS.get(k, "known place, one parameter")])) for k in graded
+        float(seen(HALF_NATS, needed[NEEDS.get(k, "known place, one parameter")])) for k in GRADED
     ]
     everything = (sum(most) + len(CERTAIN_KINDS)) / len(hidden.KINDS)
     rows.append(
-        f"\nSo of the {len(graded)} graded effects, one as often as the other, {HALF_NATS:g} nats "
+        f"\nSo of the {len(GRADED)} graded effects, one as often as the other, {HALF_NATS:g} nats "
         f"let a perfect fit see {100 * np.mean(most):.0f} %, and of all {len(hidden.KINDS)}, the "
         f"others always seen, {100 * everything:.0f} %."
     )
+    return "\n".join((*rows, ""))
+
+
+def _power(lines: list[dict[str, Any]]) -> str:
+    """Share right or between at every strength, the graded effects."""
+    cells: dict[tuple[str, float], Counter[str]] = {}
+    for line in lines:
+        if line["section"] in ("power", "half", "clear") and line["kind"] in GRADED:
+            cell = cells.setdefault((line["kind"], line["nats"]), Counter())
+            cell[judge(line)] += 1
+    if not any(line["section"] == "power" for line in lines):
+        return ""
+    strengths = sorted({nats for _, nats in cells})
+    rows = [
+        "## Power against strength, six channels, identified model\n",
+        "Right or between, of so many.\n",
+        "| effect | " + " | ".join(f"{g:g} nats" for g in strengths) + " |",
+        "|---|" + "---|" * len(strengths),
+    ]
+    for kind in (*GRADED, "**all**"):
+        row = []
+        for nats in strengths:
+            own = [c for (k, g), c in cells.items() if g == nats and kind in (k, "**all**")]
+            pooled = sum(own, Counter())
+            near, n = pooled["right"] + pooled["between"], sum(pooled.values())
+            row.append(f"{100 * near / n:.0f} % of {n}" if n else "-")
+        rows.append(f"| {kind} | " + " | ".join(row) + " |")
     return "\n".join((*rows, ""))
 
 
