@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft
 
-from imu_noise_id.effects.base import Effect
+from imu_noise_id.effects.base import Effect, ResponseEffect
 from imu_noise_id.effects.bias_step import BiasStep
 from imu_noise_id.effects.gauss_markov import GaussMarkov
 from imu_noise_id.effects.narrow_band import NarrowBand
@@ -44,6 +44,7 @@ from imu_noise_id.reconcile.state import Analysis, State, analyse, course_column
 from imu_noise_id.reconcile.steps import best_step
 from imu_noise_id.recording import Floats
 from imu_noise_id.selection import RESPONSES, SOURCES
+from imu_noise_id.whittle import spectrum_of
 
 PRICE_PER_PARAMETER = 3.0
 PREFERENCE = 1.5
@@ -191,6 +192,7 @@ def same_noise(new: Effect, given: tuple[Effect, ...]) -> bool:
         return any(a < r for a, r in zip(apart, reach, strict=True))
     if isinstance(new, GaussMarkov):
         times = [e.correlation_time_s for e in given if isinstance(e, GaussMarkov)]
+        times += [0.5 * e.mean_dwell_s for e in given if isinstance(e, RandomTelegraph)]
         return any(abs(np.log(new.correlation_time_s / t)) < SAME_TIME for t in times)
     return False
 
@@ -203,26 +205,35 @@ def given_count(state: State) -> int:
 
 def _responses(state: State, found: Analysis) -> list[Candidate]:
     """Filters; what they cut may have been louder before them, so the level beneath is free."""
-    out = []
-    f, dt = found.ordinates.frequency_hz, state.sample_time_s
+    out: list[Candidate] = []
     if any(_count(state, kind.name) for kind in RESPONSES):
-        return []
+        return out
     for kind in RESPONSES:
-        ranked = []
-        for start in kind.starts(residual_of(state, found)):
-            relative = found.fit.spectrum.psd * start.power_response(f, dt)
-            level = found.ordinates.dof @ (found.ordinates.power / relative)
-            level /= found.ordinates.dof.sum()
-            misfit = found.ordinates.power / (relative * level)
-            loss = 0.5 * float(found.ordinates.dof @ (np.log(relative * level) + misfit))
-            ranked.append((loss, start))
-        ranked.sort(key=lambda item: -item[0])
-        # the best start of every order: a corner fits the wrong order better than a far one its own
-        for start in {getattr(start, "order", 0.0): start for _, start in ranked}.values():
+        for start in likely_starts(kind, state, found, found.fit.spectrum.psd):
             price = PRICE_PER_PARAMETER * len(start.free())
             grown = replace(state, effects=(*found.fit.effects, start))
             out.append(_at_its_level(_candidate(ADD, start, price, found, grown), found))
     return out
+
+
+def likely_starts(
+    kind: type[ResponseEffect], state: State, found: Analysis, beneath: Floats
+) -> list[ResponseEffect]:
+    """Best start of every order of a filter upon a spectrum (b,) whose level is free.
+
+    A corner fits the wrong order better than a far one its own.
+    """
+    f, dt = found.ordinates.frequency_hz, state.sample_time_s
+    ranked = []
+    for start in kind.starts(residual_of(state, found)):
+        relative = beneath * start.power_response(f, dt)
+        level = found.ordinates.dof @ (found.ordinates.power / relative)
+        level /= found.ordinates.dof.sum()
+        misfit = found.ordinates.power / (relative * level)
+        loss = 0.5 * float(found.ordinates.dof @ (np.log(relative * level) + misfit))
+        ranked.append((loss, start))
+    ranked.sort(key=lambda item: -item[0])
+    return list({getattr(start, "order", 0.0): start for _, start in ranked}.values())
 
 
 def _at_its_level(filtered: Candidate, before: Analysis) -> Candidate:
@@ -446,7 +457,11 @@ def _refits(state: State, found: Analysis) -> list[Candidate]:
             continue
         price = PRICE_PER_PARAMETER * len(rows)
         freed = replace(state, effects=found.fit.effects, prior=without(state.prior, rows))
-        trial = _candidate(REFIT, effect, price, found, freed)
+        starts = (effect, *_other_windows(state, found, index))
+        states = [replace(freed, effects=_with(freed, index, start)) for start in starts]
+        pairs = zip(starts, states, strict=True)
+        trials = [_candidate(REFIT, start, price, found, begun) for start, begun in pairs]
+        trial = max(trials, key=lambda c: c.gain)
         moved, others = trial.found.fit.effects[index], _without(state.effects, index)
         if same_noise(effect, others) or not same_noise(moved, others):
             out.append(replace(trial, effect=moved))
@@ -457,6 +472,23 @@ def _refits(state: State, found: Analysis) -> list[Candidate]:
             effect = _sized(column.effect, float(trial.found.sizes[index]))
             out.append(replace(trial, effect=effect))
     return out
+
+
+def _other_windows(state: State, found: Analysis, index: int) -> list[ResponseEffect]:
+    """Far starts for a filter of the model, whose likelihood has several maxima; of any form."""
+    given = given_effects(found.fit.effects, state.prior)
+    now = given[index]
+    if not isinstance(now, ResponseEffect):
+        return []
+    f, dt = found.ordinates.frequency_hz, state.sample_time_s
+    beneath = spectrum_of(_without(given, index), f, dt, state.floor).psd
+    kinds = [kind for kind in RESPONSES if kind.name == now.name]
+    starts = [s for kind in kinds for s in likely_starts(kind, state, found, beneath)]
+    return [s for s in starts if s.free() == now.free()]
+
+
+def _with(state: State, index: int, effect: Effect) -> tuple[Effect, ...]:
+    return (*state.effects[:index], effect, *state.effects[index + 1 :])
 
 
 def _without(effects: tuple[Effect, ...], index: int) -> tuple[Effect, ...]:

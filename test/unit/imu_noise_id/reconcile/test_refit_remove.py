@@ -225,3 +225,18 @@ def test_a_model_without_noise_is_given_the_recordings() -> None:
         assert steps(result, name) == [("add", "white_noise")]
         assert channel.steps[0].effect.estimates[0].value == pytest.approx(DENSITY, rel=0.03)
         assert "no noise" in channel.notes[0]
+
+
+@pytest.mark.parametrize("window_s", [0.014, 0.040])
+def test_a_window_far_from_the_given_one_is_found(window_s: float) -> None:
+    """The likelihood of a window has several maxima: from the given one there is no way uphill."""
+    fine = np.random.default_rng(11).normal(0.0, SIGMA * np.sqrt(24.0), 10 * N + 24)
+    total = np.cumsum(fine)
+    values = noise()
+    values[0] = ((total[24:] - total[:-24]) / 24.0)[::10]
+    (step, *rest) = (
+        reconciled(values, ("averaging", {"window_s": window_s})).channel(NAMES[0]).steps
+    )
+    assert (step.action, step.effect.name) == ("refit", "averaging")
+    assert step.effect.estimates[0].value == pytest.approx(0.024, rel=0.02)
+    assert [s.effect.name for s in rest] in ([], ["white_noise"])
