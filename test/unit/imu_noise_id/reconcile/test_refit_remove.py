@@ -230,7 +230,7 @@ def test_a_model_without_noise_is_given_the_recordings() -> None:
 @pytest.mark.parametrize("window_s", [0.014, 0.040])
 def test_a_window_far_from_the_given_one_is_found(window_s: float) -> None:
     """The likelihood of a window has several maxima: from the given one there is no way uphill."""
-    fine = np.random.default_rng(11).normal(0.0, SIGMA * np.sqrt(24.0), 10 * N + 24)
+    fine = np.random.default_rng(11).normal(0.0, SIGMA * np.sqrt(10.0), 10 * N + 24)
     total = np.cumsum(fine)
     values = noise()
     values[0] = ((total[24:] - total[:-24]) / 24.0)[::10]
