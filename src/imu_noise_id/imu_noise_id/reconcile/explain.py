@@ -6,14 +6,13 @@ model, so that adding, refitting and removing compete on equal terms.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import fft
 
-from imu_noise_id.effects.base import Effect, ResponseEffect
+from imu_noise_id.effects.base import Effect
 from imu_noise_id.effects.bias_step import BiasStep
-from imu_noise_id.effects.gauss_markov import GaussMarkov
 from imu_noise_id.effects.narrow_band import NarrowBand
 from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.effects.random_telegraph import RandomTelegraph, decode
@@ -21,8 +20,17 @@ from imu_noise_id.effects.rate_ramp import RateRamp
 from imu_noise_id.effects.temperature import Temperature
 from imu_noise_id.effects.variance_change import VarianceChange, other_side, variance_scan
 from imu_noise_id.effects.white_noise import WhiteNoise
+from imu_noise_id.reconcile.amend import likely_starts, refits, removals, same_noise
 from imu_noise_id.reconcile.battery import BURST_BLOCKS, band_places, band_starts
-from imu_noise_id.reconcile.compare import footings, freed_column, residual_of, with_column
+from imu_noise_id.reconcile.candidate import (
+    PRICE_PER_PARAMETER,
+    Candidate,
+    candidate_of,
+    count_of,
+    given_count,
+    rows_of,
+)
+from imu_noise_id.reconcile.compare import footings, with_column
 from imu_noise_id.reconcile.lines import (
     beside_a_line,
     line_columns,
@@ -32,21 +40,16 @@ from imu_noise_id.reconcile.lines import (
 )
 from imu_noise_id.reconcile.patches import band_gain
 from imu_noise_id.reconcile.prior import (
-    FREE_STD_ERROR,
     SLOW,
-    UnseenDrift,
-    given_effects,
     without,
 )
-from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
+from imu_noise_id.reconcile.result import ADD, REFIT
 from imu_noise_id.reconcile.smooth import best_course, without_steps
 from imu_noise_id.reconcile.state import Analysis, State, analyse, course_column
 from imu_noise_id.reconcile.steps import best_step
 from imu_noise_id.recording import Floats
 from imu_noise_id.selection import RESPONSES, SOURCES
-from imu_noise_id.whittle import spectrum_of
 
-PRICE_PER_PARAMETER = 3.0
 PREFERENCE = 1.5
 COURSES = ("temperature", "rate_ramp", "bias_step")
 DRIFTS = (*SLOW, *COURSES)
@@ -57,44 +60,7 @@ COLOURED_LOG_P = -9.0
 DISTINCTLY = 5.0
 """Nats by which one band must tell a window better than all of its noise: two names fit below."""
 SAME_STEP_S, SAME_STEP = 1.0, 0.02
-SAME_TIME = float(np.log(2.0))
 MOST_PER_CHANNEL = {"gauss_markov": 3, "narrow_band": 8, "periodic": 12, "bias_step": 6}
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One way to change a channel's model.
-
-    Attributes
-    ----------
-    action : str
-        ``add``, ``refit`` or ``remove``.
-    effect : Effect
-        With fitted values.
-    gain : float
-        Nats, before its price.
-    price : float
-        Nats, for its parameters and for searching them.
-    state, found : State, Analysis
-        The channel with the change.
-    """
-
-    action: str
-    effect: Effect
-    gain: float
-    price: float
-    state: State
-    found: Analysis
-
-    @property
-    def net(self) -> float:
-        """Nats after the price."""
-        return self.gain - self.price
-
-    @property
-    def label(self) -> str:
-        """What it is called when it is weighed against others."""
-        return self.effect.name if self.action == ADD else f"{self.action} of {self.effect.name}"
 
 
 def candidates(
@@ -107,8 +73,8 @@ def candidates(
         *_lines(state, found),
         *_courses(state, found),
         *([] if "burst" in skip else _bursts(state, found)),
-        *_refits(state, found),
-        *_removals(state, found),
+        *refits(state, found),
+        *removals(state, found),
     ]
     slow = [c for c in out if c.effect.name == "gauss_markov" and c.action == ADD and c.gain > 3.0]
     for candidate in slow[:1] if "levels" not in skip else []:
@@ -125,42 +91,26 @@ def _preference(candidate: Candidate) -> float:
     return PREFERENCE if candidate.effect.name in kinds else 0.0
 
 
-def _candidate(
-    action: str, effect: Effect, price: float, before: Analysis, state: State
-) -> Candidate:
-    found = analyse(state)
-    fitted = effect
-    if state.effects and effect in state.effects:
-        fitted = found.fit.effects[state.effects.index(effect)]
-    gain = found.objective - before.objective
-    return Candidate(action, fitted, gain, price, replace(state, effects=found.fit.effects), found)
-
-
-def _count(state: State, name: str) -> int:
-    columns = sum(c.effect.name == name for c in state.columns)
-    return sum(e.name == name for e in state.effects) + columns
-
-
 def _sources(state: State, found: Analysis) -> list[Candidate]:
     out = []
     bases = footings(state, found)
     for kind in SOURCES:
-        if _count(state, kind.name) >= MOST_PER_CHANNEL.get(kind.name, 1):
+        if count_of(state, kind.name) >= MOST_PER_CHANNEL.get(kind.name, 1):
             continue
         tried = []
         for effects, residual in bases:
             for start in band_starts(residual) if kind is NarrowBand else kind.starts(residual):
                 price = PRICE_PER_PARAMETER * len(start.free())
                 grown = replace(state, effects=(*effects, start))
-                trial = _candidate(ADD, start, price, found, grown)
+                trial = candidate_of(ADD, start, price, found, grown)
                 tried.append(replace(trial, price=price + _place_price(trial.effect, state)))
         own = [c for c in tried if not same_noise(c.effect, state.effects[: given_count(state)])]
         out += sorted(own, key=lambda c: -c.net)[:1]
-    if not _count(state, "white_noise"):
+    if not count_of(state, "white_noise"):
         low = float(np.quantile(found.ordinates.power, 0.1))
         start = WhiteNoise(float(np.sqrt(max(low, 1e-300))))
         grown = replace(state, effects=(*found.fit.effects, start))
-        out.append(_candidate(ADD, start, PRICE_PER_PARAMETER, found, grown))
+        out.append(candidate_of(ADD, start, PRICE_PER_PARAMETER, found, grown))
     return out
 
 
@@ -179,61 +129,17 @@ def _place_price(effect: Effect, state: State) -> float:
     return max(float(np.log(places)) - PRICE_PER_PARAMETER, 0.0)
 
 
-def same_noise(new: Effect, given: tuple[Effect, ...]) -> bool:
-    """Whether a noise overlaps one that is given: then that one is to be refitted, not doubled.
-
-    Bands by their widths, exponentials by their times: within a factor of two the sum of both has
-    the spectrum of one.
-    """
-    if isinstance(new, NarrowBand):
-        bands = [e for e in given if isinstance(e, NarrowBand)]
-        apart = [abs(new.frequency_hz - e.frequency_hz) for e in bands]
-        reach = [new.bandwidth_hz + e.bandwidth_hz for e in bands]
-        return any(a < r for a, r in zip(apart, reach, strict=True))
-    if isinstance(new, GaussMarkov):
-        times = [e.correlation_time_s for e in given if isinstance(e, GaussMarkov)]
-        times += [0.5 * e.mean_dwell_s for e in given if isinstance(e, RandomTelegraph)]
-        return any(abs(np.log(new.correlation_time_s / t)) < SAME_TIME for t in times)
-    return False
-
-
-def given_count(state: State) -> int:
-    """Number of spectral effects that the given model has; they come first."""
-    ends = np.cumsum([len(e.free()) for e in state.effects])
-    return int(np.searchsorted(ends, state.prior.centre.size, side="right"))
-
-
 def _responses(state: State, found: Analysis) -> list[Candidate]:
     """Filters; what they cut may have been louder before them, so the level beneath is free."""
     out: list[Candidate] = []
-    if any(_count(state, kind.name) for kind in RESPONSES):
+    if any(count_of(state, kind.name) for kind in RESPONSES):
         return out
     for kind in RESPONSES:
         for start in likely_starts(kind, state, found, found.fit.spectrum.psd):
             price = PRICE_PER_PARAMETER * len(start.free())
             grown = replace(state, effects=(*found.fit.effects, start))
-            out.append(_at_its_level(_candidate(ADD, start, price, found, grown), found))
+            out.append(_at_its_level(candidate_of(ADD, start, price, found, grown), found))
     return out
-
-
-def likely_starts(
-    kind: type[ResponseEffect], state: State, found: Analysis, beneath: Floats
-) -> list[ResponseEffect]:
-    """Best start of every order of a filter upon a spectrum (b,) whose level is free.
-
-    A corner fits the wrong order better than a far one its own.
-    """
-    f, dt = found.ordinates.frequency_hz, state.sample_time_s
-    ranked = []
-    for start in kind.starts(residual_of(state, found)):
-        relative = beneath * start.power_response(f, dt)
-        level = found.ordinates.dof @ (found.ordinates.power / relative)
-        level /= found.ordinates.dof.sum()
-        misfit = found.ordinates.power / (relative * level)
-        loss = 0.5 * float(found.ordinates.dof @ (np.log(relative * level) + misfit))
-        ranked.append((loss, start))
-    ranked.sort(key=lambda item: -item[0])
-    return list({getattr(start, "order", 0.0): start for _, start in ranked}.values())
 
 
 def _at_its_level(filtered: Candidate, before: Analysis) -> Candidate:
@@ -246,7 +152,7 @@ def _at_its_level(filtered: Candidate, before: Analysis) -> Candidate:
     index = next((i for i, e in enumerate(state.effects) if isinstance(e, WhiteNoise)), None)
     if index is None or index >= given_count(state):
         return filtered
-    free = replace(state, prior=without(state.prior, _rows_of(state, index)))
+    free = replace(state, prior=without(state.prior, rows_of(state, index)))
     gain, price = analyse(free).objective - before.objective, filtered.price + PRICE_PER_PARAMETER
     if gain - price <= filtered.net:
         return filtered
@@ -257,7 +163,7 @@ def _at_its_level(filtered: Candidate, before: Analysis) -> Candidate:
 
 
 def _lines(state: State, found: Analysis) -> list[Candidate]:
-    if _count(state, "periodic") >= 2 * MOST_PER_CHANNEL["periodic"]:
+    if count_of(state, "periodic") >= 2 * MOST_PER_CHANNEL["periodic"]:
         return []
     return [*_steady_line(state, found), *_passing_line(state, found)]
 
@@ -274,7 +180,7 @@ def _passing_line(state: State, found: Analysis) -> list[Candidate]:
         return []
     grown = replace(state, columns=(*state.columns, *pair), effects=found.fit.effects)
     price = 4.0 * PRICE_PER_PARAMETER + _place_price(pair[0].effect, state)
-    trial = _candidate(ADD, pair[0].effect, price, found, grown)
+    trial = candidate_of(ADD, pair[0].effect, price, found, grown)
     amplitude = float(np.hypot(*trial.found.sizes[-2:]))
     return [replace(trial, effect=Periodic(frequency_hz, max(amplitude, 1e-300)))]
 
@@ -285,19 +191,19 @@ def _steady_line(state: State, found: Analysis) -> list[Candidate]:
     if beside_a_line(pair, state):
         return []
     grown = replace(state, columns=(*state.columns, *pair), effects=found.fit.effects)
-    trial = _candidate(ADD, pair[0].effect, 0.0, found, grown)
+    trial = candidate_of(ADD, pair[0].effect, 0.0, found, grown)
     amplitude = float(np.hypot(*trial.found.sizes[-2:]))
     price = 2.0 * PRICE_PER_PARAMETER + _place_price(pair[0].effect, state)
     steady, wander = steadied(trial.state, trial.found, len(state.columns))
     if wander:
-        trial = _candidate(ADD, pair[0].effect, 0.0, found, steady)
+        trial = candidate_of(ADD, pair[0].effect, 0.0, found, steady)
         price += wander
     return [replace(trial, effect=Periodic(frequency_hz, max(amplitude, 1e-300)), price=price)]
 
 
 def _courses(state: State, found: Analysis) -> list[Candidate]:
     out = []
-    if _count(state, "bias_step") < MOST_PER_CHANNEL["bias_step"]:
+    if count_of(state, "bias_step") < MOST_PER_CHANNEL["bias_step"]:
         best = best_step(state, found)
         if (
             best.gain > 0.0
@@ -306,10 +212,10 @@ def _courses(state: State, found: Analysis) -> list[Candidate]:
         ):
             step, price = BiasStep(best.time_s, best.height), 2.0 * PRICE_PER_PARAMETER
             out.append(Candidate(ADD, step, best.gain, price, best.state, best.found))
-    if not _count(state, "rate_ramp"):
+    if not count_of(state, "rate_ramp"):
         out.append(_course(state, found, RateRamp(1.0), "slope", 1))
     T = state.temperature
-    if T is not None and float(np.ptp(T)) > 1e-6 and not _count(state, "temperature"):
+    if T is not None and float(np.ptp(T)) > 1e-6 and not count_of(state, "temperature"):
         out.append(_course(state, found, Temperature(1.0), "coefficient", 1))
     return out
 
@@ -443,114 +349,13 @@ def _sharpen(white: Floats, first: int, last: int, block: int) -> tuple[int, int
     return first, last
 
 
-def _rows_of(state: State, index: int) -> list[int]:
-    before = sum(len(e.free()) for e in state.effects[:index])
-    return list(range(before, before + len(state.effects[index].free())))
-
-
-def _refits(state: State, found: Analysis) -> list[Candidate]:
-    """Let go of one of the model's effects at a time."""
-    out = []
-    for index, effect in enumerate(found.fit.effects):
-        rows = [r for r in _rows_of(state, index) if r < state.prior.centre.size]
-        if not rows or not np.any(state.prior.std_error < FREE_STD_ERROR):
-            continue
-        price = PRICE_PER_PARAMETER * len(rows)
-        freed = replace(state, effects=found.fit.effects, prior=without(state.prior, rows))
-        starts = (effect, *_other_windows(state, found, index))
-        states = [replace(freed, effects=_with(freed, index, start)) for start in starts]
-        pairs = zip(starts, states, strict=True)
-        trials = [_candidate(REFIT, start, price, found, begun) for start, begun in pairs]
-        trial = max(trials, key=lambda c: c.gain)
-        moved, others = trial.found.fit.effects[index], _without(state.effects, index)
-        if same_noise(effect, others) or not same_noise(moved, others):
-            out.append(replace(trial, effect=moved))
-    for index, column in enumerate(state.columns):
-        if column.given and np.isfinite(column.std_error):
-            freed = replace(freed_column(state, index), effects=found.fit.effects)
-            trial = _candidate(REFIT, column.effect, PRICE_PER_PARAMETER, found, freed)
-            effect = _sized(column.effect, float(trial.found.sizes[index]))
-            out.append(replace(trial, effect=effect))
-    return out
-
-
-def _other_windows(state: State, found: Analysis, index: int) -> list[ResponseEffect]:
-    """Far starts for a filter of the model, whose likelihood has several maxima; of any form."""
-    given = given_effects(found.fit.effects, state.prior)
-    now = given[index]
-    if not isinstance(now, ResponseEffect):
-        return []
-    f, dt = found.ordinates.frequency_hz, state.sample_time_s
-    beneath = spectrum_of(_without(given, index), f, dt, state.floor).psd
-    kinds = [kind for kind in RESPONSES if kind.name == now.name]
-    starts = [s for kind in kinds for s in likely_starts(kind, state, found, beneath)]
-    return [s for s in starts if s.free() == now.free()]
-
-
-def _with(state: State, index: int, effect: Effect) -> tuple[Effect, ...]:
-    return (*state.effects[:index], effect, *state.effects[index + 1 :])
-
-
-def _without(effects: tuple[Effect, ...], index: int) -> tuple[Effect, ...]:
-    return effects[:index] + effects[index + 1 :]
-
-
-def _sized(effect: Effect, size: float) -> Effect:
-    """A course with its last parameter, to which it is proportional, set."""
-    return effect.replace(**{effect.parameters[-1].name: size})
-
-
-def _removals(state: State, found: Analysis) -> list[Candidate]:
-    """Leave out one of the model's effects; worth it where its absence explains more."""
-    out = []
-    given = given_effects(found.fit.effects, state.prior)
-    for index, effect in enumerate(given):
-        rows = _rows_of(state, index)
-        in_prior = [r for r in rows if r < state.prior.centre.size]
-        if not in_prior or len(found.fit.effects) < 2:
-            continue
-        effects = _without(found.fit.effects, index)
-        if not any(e.name in ("white_noise", "quantization") for e in effects):
-            continue
-        prior = _marginal(state, in_prior)
-        # what the others were fitted to with it may be far from what they are without it
-        starts = [effects, _without(given, index)]
-        if prior.drift is not None and effect.name in SLOW:
-            # nor may the room for drift take over, unsaid, what is no more in the model
-            prior = replace(prior, drift=None)
-            starts = [tuple(e for e in some if not isinstance(e, UnseenDrift)) for some in starts]
-        without_it = [replace(state, effects=start, prior=prior) for start in starts]
-        tried = [_candidate(REMOVE, effect, 0.0, found, start) for start in without_it]
-        out.append(replace(max(tried, key=lambda c: c.gain), effect=effect))
-    for index, column in enumerate(state.columns):
-        if column.given:
-            columns = state.columns[:index] + state.columns[index + 1 :]
-            fewer = replace(state, columns=columns, effects=found.fit.effects)
-            gone = _sized(column.effect, column.size)
-            out.append(_candidate(REMOVE, gone, 0.0, found, fewer))
-    return out
-
-
-def _marginal(state: State, rows: list[int]):  # type: ignore[no-untyped-def]
-    """Prior of the parameters that stay when ``rows`` leave the model."""
-    prior = without(state.prior, rows)
-    keep = np.setdiff1d(np.arange(prior.centre.size), rows)
-    inside = np.flatnonzero(np.any(prior.axes[keep] != 0.0, axis=0)) if keep.size else keep
-    return replace(
-        prior,
-        centre=prior.centre[keep],
-        axes=prior.axes[np.ix_(keep, inside)],
-        std_error=prior.std_error[inside],
-    )
-
-
 def _telegraph(state: State, found: Analysis, like: Candidate) -> list[Candidate]:
     """Two levels with the spectrum of a Gauss-Markov candidate, decoded from block means.
 
     Whittle's likelihood of the record without the decoded course, plus what the hidden Markov model
     says of all courses against that one.
     """
-    if _count(state, "random_telegraph"):
+    if count_of(state, "random_telegraph"):
         return []
     dwell_s = 2.0 * float(like.effect.correlation_time_s)  # type: ignore[attr-defined]
     n = state.values.size

@@ -15,16 +15,11 @@ from imu_noise_id.effects.variance_change import VarianceChange
 from imu_noise_id.effects.white_noise import WhiteNoise
 from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.reconcile.axes import Tie, ties
+from imu_noise_id.reconcile.candidate import PRICE_PER_PARAMETER, Candidate, given_count
 from imu_noise_id.reconcile.clean import answer_hits, open_topic
 from imu_noise_id.reconcile.common import COMMON_NOISE, of_one_noise
 from imu_noise_id.reconcile.compare import Finding, Findings
-from imu_noise_id.reconcile.explain import (
-    MOST_PER_CHANNEL,
-    PRICE_PER_PARAMETER,
-    Candidate,
-    candidates,
-    given_count,
-)
+from imu_noise_id.reconcile.explain import MOST_PER_CHANNEL, candidates
 from imu_noise_id.reconcile.lines import harmonics, line_columns
 from imu_noise_id.reconcile.mended import channel_result, mended_model, uncompared
 from imu_noise_id.reconcile.null import z_of
