@@ -38,7 +38,7 @@ from imu_noise_id.reconcile.lines import (
     steadied,
     strongest_line,
 )
-from imu_noise_id.reconcile.patches import band_gain
+from imu_noise_id.reconcile.patches import band_gain, gain_of_fast
 from imu_noise_id.reconcile.prior import (
     SLOW,
     without,
@@ -57,6 +57,7 @@ TELEGRAPH_BLOCKS = 1500
 LEAST_JUMPS = 4
 """There and back twice."""
 COLOURED_LOG_P = -9.0
+BURST_ROUNDS, SETTLED = 4, 0.02
 DISTINCTLY = 5.0
 """Nats by which one band must tell a window better than all of its noise: two names fit below."""
 SAME_STEP_S, SAME_STEP = 1.0, 0.02
@@ -252,10 +253,11 @@ def _course(
 
 
 def quieten(found: Analysis, first: int, last: int, ratio: float) -> tuple[Floats, float]:
-    """Values with the fast noise of [first, last) divided by sqrt(ratio); slow parts stay.
+    """Values as they would be without the fast noise of [first, last) ``ratio`` times as loud.
 
-    Fast is what a Wiener filter takes for white noise, the share N^2/S of each ordinate: a moving
-    mean would keep the white noise below its own cutoff, which a long burst shows as a slow noise.
+    The slow parts go on beneath it, so that an ordinate of which the fast noise is the share s is
+    louder by 1 + (ratio - 1) s.  A moving mean would keep the white noise below its own cutoff,
+    which a long burst shows as a slow noise.
 
     Returns
     -------
@@ -265,17 +267,21 @@ def quieten(found: Analysis, first: int, last: int, ratio: float) -> tuple[Float
         window's share of the ordinates.
     """
     state = found.state
+    gain = 1.0 / np.sqrt(1.0 + (ratio - 1.0) * fast_share(found))
+    louder = fft.idct(found.coefficients * (1.0 - gain), norm="ortho")
+    out = state.values.copy()
+    out[first:last] -= louder[first:last]
+    log_volume = (last - first) / out.size * float(np.sum(np.log(gain)))
+    return out, log_volume
+
+
+def fast_share(found: Analysis) -> Floats:
+    """Part of the power that is fast noise, the fit's white noise or what is left at the top."""
     inverse = found.inverse_psd
     densities = [e.density for e in found.fit.effects if isinstance(e, WhiteNoise)]
     upper = float(np.median(1.0 / inverse[inverse.size // 2 :]))
-    level = max(sum(d * d for d in densities) + state.floor, upper)
-    share = np.minimum(level * inverse, 1.0)
-    fast = fft.idct(found.coefficients * share, norm="ortho")
-    less = 1.0 - 1.0 / np.sqrt(ratio)
-    out = state.values.copy()
-    out[first:last] -= fast[first:last] * less
-    log_volume = (last - first) / out.size * float(np.sum(np.log1p(-less * share)))
-    return out, log_volume
+    level = max(sum(d * d for d in densities) + found.state.floor, upper)
+    return np.asarray(np.minimum(level * inverse, 1.0))
 
 
 def _bursts(state: State, found: Analysis) -> list[Candidate]:
@@ -289,6 +295,7 @@ def _bursts(state: State, found: Analysis) -> list[Candidate]:
         return []
     first, last = _sharpen(white, first, last, white.size // BURST_BLOCKS)
     whole, band = band_gain(white, first, last)
+    whole = max(whole, gain_of_fast(white, first, last, fast_share(found)))
     if band > whole + DISTINCTLY:
         return []  # one band comes or goes, and the noise is what it was
     windows = [(first, last), other_side(first, last, white.size)]
@@ -300,17 +307,31 @@ def _burst(state: State, found: Analysis, first: int, last: int) -> Candidate | 
     white = found.white.samples
     if loudest_log_p(white[first:last]) < COLOURED_LOG_P:
         return None  # a tone or a ring that is there for a while, and no noise that is louder
-    inside = float(np.mean(white[first:last] ** 2))
-    outside = float(np.mean(np.concatenate((white[:first], white[last:])) ** 2))
-    ratio = inside / outside
+    under, ratio = found, 0.0
+    for _ in range(BURST_ROUNDS):  # the burst is in the fit by which it is measured
+        before, ratio = ratio, _loudness(under, first, last)
+        if abs(ratio - before) < SETTLED * ratio:
+            break
+        values, log_volume = quieten(under, first, last, ratio)
+        quiet = state.with_values(values)
+        after = analyse(replace(quiet, effects=found.fit.effects))
+        under = replace(found, fit=after.fit)
     times = state.start_s + state.sample_time_s * np.array([first, last])
     effect = VarianceChange(float(times[0]), float(times[1]), ratio)
-    values, log_volume = quieten(found, first, last, ratio)
-    quiet = state.with_values(values)
-    after = analyse(replace(quiet, effects=found.fit.effects))
     quiet = replace(quiet, effects=after.fit.effects)
     gain = after.objective - found.objective + log_volume
     return Candidate(ADD, effect, gain, 3.0 * PRICE_PER_PARAMETER, quiet, after)
+
+
+def _loudness(found: Analysis, first: int, last: int) -> float:
+    """Variance of the fast noise of [first, last) over that outside."""
+    white = found.white.samples
+    inside = float(np.mean(white[first:last] ** 2))
+    outside = float(np.mean(np.concatenate((white[:first], white[last:])) ** 2))
+    if inside <= outside:
+        return inside / outside
+    # what is louder is the fast noise alone
+    return 1.0 + (inside / outside - 1.0) / float(np.mean(fast_share(found)))
 
 
 def loudest_log_p(samples: Floats) -> float:

@@ -19,6 +19,8 @@ MOST_STRETCHES = 16
 LEAST_STRETCH = 32
 """Samples of a stretch where there are fewer stretches."""
 BINS = 128
+RATIOS = np.geomspace(0.05, 200.0, 120)
+"""Of loudness that are tried."""
 LEAST_ORDINATES = 4
 """Ordinates of a stretch in a bin."""
 
@@ -124,6 +126,32 @@ def band_gain(white: Floats, first: int, last: int) -> tuple[float, float]:
         nats = contrast(sums[0], sums[1], many_in, many_out)
         best = max(best, float(nats.max()) - float(np.log(bins / width)))
     return float(whole), best
+
+
+def gain_of_fast(white: Floats, first: int, last: int, share: Floats) -> float:
+    """Nats by which a window's fast noise alone, of another level, tells it from the rest.
+
+    Where that is the share s of the power, the window's is 1 + (ratio - 1) s times the rest's.
+
+    Parameters
+    ----------
+    white : (n,) float64
+    first, last : int
+    share : (n,) float64
+        At the record's DCT ordinates.
+    """
+    inside, outside = white[None, first:last], np.concatenate((white[:first], white[last:]))[None]
+    if min(inside.size, outside.size) < LEAST_STRETCH:
+        return 0.0
+    bins = min(_bin_count(inside.size), _bin_count(outside.size))
+    p, dof_in, _ = _binned(inside, bins)
+    q, dof_out, _ = _binned(outside, bins)
+    at = np.linspace(0.0, share.size - 1.0, bins + 1)
+    mean = np.add.reduceat(share, at[:-1].astype(int)) / np.diff(at)
+    more = 1.0 + (RATIOS[:, None] - 1.0) * np.clip(mean, 0.0, 1.0)
+    dof = dof_in + dof_out
+    nats = dof * np.log((p + q) / (p / more + q)) - dof_in * np.log(more)
+    return 0.5 * float(np.max(np.sum(nats, axis=1)))
 
 
 def _bin_count(samples: int) -> int:

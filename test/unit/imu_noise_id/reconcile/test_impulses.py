@@ -83,3 +83,19 @@ def test_a_step_with_an_edge_is_one_step_of_its_whole_height(edge_s: float) -> N
     assert (channel.verdict, step.effect.name) == ("explained", "bias_step")
     assert step.effect.effect.time_s == pytest.approx(JUMP / RATE_HZ, abs=2.0)
     assert step.effect.effect.height == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize("added_m", [0.02, 0.045])
+def test_white_noise_for_a_while_on_slow_positions_is_one_change_of_variance(
+    added_m: float,
+) -> None:
+    within = slice(3500, 5000)
+    values = positions(8)
+    values[within] += added_m * np.random.default_rng(80).standard_normal(1500)
+    (channel,) = reconciled(values).channels
+    (step,) = channel.steps
+    assert (channel.verdict, step.effect.name) == ("explained", "variance_change")
+    burst = step.effect.effect
+    assert burst.from_s == pytest.approx(within.start / RATE_HZ, abs=5.0)
+    assert burst.to_s == pytest.approx(within.stop / RATE_HZ, abs=5.0)
+    assert burst.ratio > 1.5

@@ -1,7 +1,8 @@
 """A band that is louder for a while is found, where the whole spectrum and the variance are not."""
 
 import numpy as np
-from imu_noise_id.reconcile.patches import band_gain, loudest_patch
+from imu_noise_id.reconcile.patches import band_gain, gain_of_fast, loudest_patch
+from scipy import fft
 
 DT, COUNT = 0.01, 32_000
 HALF = slice(COUNT // 2, COUNT)
@@ -70,3 +71,17 @@ def test_a_window_of_a_few_samples_has_no_bands():
         whole, band = band_gain(white, 0, last)
         assert np.isfinite(whole)
         assert band < 15.0
+
+
+def test_louder_fast_noise_beneath_slow_noise_is_told_from_one_band():
+    share = np.linspace(0.0, 1.0, COUNT) ** 2  # of the power that is fast
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        fast = fft.idct(np.sqrt(share) * rng.standard_normal(COUNT), norm="ortho")
+        slow = fft.idct(np.sqrt(1.0 - share) * rng.standard_normal(COUNT), norm="ortho")
+        fast[HALF] *= np.sqrt(1.3)
+        _, band = band_gain(fast + slow, HALF.start, HALF.stop)
+        assert gain_of_fast(fast + slow, HALF.start, HALF.stop, share) > band
+        tone = rng.standard_normal(COUNT) + rising_tone(0.03)
+        _, band = band_gain(tone, HALF.start, HALF.stop)
+        assert gain_of_fast(tone, HALF.start, HALF.stop, share) < 0.5 * band
