@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from imu_noise_id.effects.bandwidth_limit import DigitalBandwidthLimit
 from imu_noise_id.identify import identify_recording
 from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.model_file import typed_effect
-from imu_noise_id.reconcile import compare_recording, reconcile_recording, reconciliation_tree
+from imu_noise_id.reconcile import compare_recording, loop, reconcile_recording, reconciliation_tree
 from imu_noise_id.reconcile.loop import lying_otherwise, of_the_stamps
+from imu_noise_id.reconcile.result import HeldOut
 from imu_noise_id.recording import Channel, Quality, Recording, unit_of
 from imu_noise_id.simulate import simulate_recording
 from scipy.signal import butter, lfilter
@@ -248,3 +250,17 @@ def test_what_the_reader_left_out_is_said_once_a_topic() -> None:
     assert len(said) == 2
     assert "200 samples with the stamp of another" in said[1]
     assert not of_the_stamps(Recording("made", 0, (replace(channels[0], quality=Quality()),)))
+
+
+def left(before: float, after: float) -> bool:
+    """Whether one step that leaves this gap on unseen data closed it."""
+    draft = SimpleNamespace(held_out=HeldOut(before, after))
+    works = (SimpleNamespace(drafts=()), SimpleNamespace(drafts=(draft,)))
+    return loop._closed([(work, None) for work in works])
+
+
+def test_half_of_a_large_gap_is_not_closed():
+    assert left(2.0, 1.4)
+    assert left(30.0, 1.9)
+    assert not left(2.0, 1.9)
+    assert not left(3.2, 2.2)
