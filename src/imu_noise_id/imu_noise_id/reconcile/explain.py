@@ -43,7 +43,7 @@ from imu_noise_id.reconcile.prior import (
     SLOW,
     without,
 )
-from imu_noise_id.reconcile.result import ADD, REFIT
+from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE
 from imu_noise_id.reconcile.smooth import best_course, without_steps
 from imu_noise_id.reconcile.state import Analysis, State, analyse, course_column
 from imu_noise_id.reconcile.steps import best_step
@@ -54,6 +54,7 @@ PREFERENCE = 1.5
 COURSES = ("temperature", "rate_ramp", "bias_step")
 DRIFTS = (*SLOW, *COURSES)
 TELEGRAPH_BLOCKS = 1500
+LEAST_SLOW = 3.0
 LEAST_JUMPS = 4
 """There and back twice."""
 COLOURED_LOG_P = -9.0
@@ -77,9 +78,11 @@ def candidates(
         *refits(state, found),
         *removals(state, found),
     ]
-    slow = [c for c in out if c.effect.name == "gauss_markov" and c.action == ADD and c.gain > 3.0]
-    for candidate in slow[:1] if "levels" not in skip else []:
-        out += _telegraph(state, found, candidate)
+    slow = [c for c in out if c.effect.name == "gauss_markov" and c.action != REMOVE]
+    # one as slow as the model's own comes as its refit
+    like = max(slow, key=lambda c: (c.action == ADD, c.net), default=None)
+    if like is not None and like.gain > LEAST_SLOW and "levels" not in skip:
+        out += _telegraph(state, found, like)
     return sorted((c for c in out if c.gain > 0.0), key=lambda c: -c.net - _preference(c))
 
 
