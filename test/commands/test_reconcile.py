@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+from imu_noise_id.bag_writer import write_bag
 from imu_noise_id.model_file import load_model
 
+from helpers.bag_making import imu, still_imu, uniform
 from helpers.commands import Run, model_text
 
 VERDICTS = {"agrees", "explained", "unexplained"}
@@ -61,6 +64,36 @@ def test_a_simulators_recording_stands_in_for_the_model(
     assert done.status == 0, done.err
     tree = json.loads((tmp_path / "reconcile.json").read_text(encoding="utf-8"))
     assert {c["verdict"] for c in tree["channels"]} == {"agrees"}
+
+
+def test_the_topic_asked_for_is_read_from_the_simulators_bag(run: Run, tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    write_bag(tmp_path / "real", [still_imu(rng, 6000)])
+    two = [still_imu(rng, 6000, topic=topic) for topic in ("/sim/imu", "/sim/other")]
+    write_bag(tmp_path / "played", two)
+    bags = ("--bag", tmp_path / "real", "--simulation", tmp_path / "played")
+    done = run("reconcile", *bags, "--output", tmp_path / "out")
+    assert done.status == 2
+    assert "--topic imu=NAME" in done.err
+    done = run("reconcile", *bags, "--topic", "imu=/sim/imu", "--output", tmp_path / "out")
+    assert done.status == 0, done.err
+
+
+def test_a_simulator_without_noise_gets_the_recordings(run: Run, tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    stamp_ns = uniform(6000, 200.0)
+    write_bag(tmp_path / "real", [still_imu(rng, 6000)])
+    silent = np.zeros((6000, 3))
+    write_bag(tmp_path / "played", [imu(stamp_ns, silent, silent + np.array((0.0, 0.0, 9.8)))])
+    out = tmp_path / "out"
+    bags = ("--bag", tmp_path / "real", "--simulation", tmp_path / "played")
+    done = run("reconcile", *bags, "--output", out)
+    assert done.status == 0, done.err
+    tree = json.loads((out / "reconcile.json").read_text(encoding="utf-8"))
+    for channel in tree["channels"]:
+        first = channel["steps"][0]
+        assert (first["action"], first["effect"]["name"]) == ("add", "white_noise")
+        assert channel["verdict"] == "explained"
 
 
 @pytest.mark.parametrize(
