@@ -37,10 +37,11 @@ TAIL = """
 
 Read off the spectra and courses by eye, once; the run does not write it anew.
 
-- **broad_01**: accelerometer x rises from 1 s on, too weak for the price of a slow term; gyro y is
-  3 to 5 % high, hardly more than its interval (the cause was not found); the driver interpolates
-  the magnetometer between samples of about 95 Hz, which a low pass beside a band describes now,
-  but not z beyond 2 s.
+- **broad_01**: accelerometer x rises from 1 s on, too weak for the price of a slow term.  The driver
+  fills the magnetometer up from about 95 Hz, which is called a hold of 1.3 samples; the model's
+  curve is that of fresh samples here, and fails at all short times of the four channels.
+- **rtkx position.east**: 11 s within a few steps of the fixes' digits; the white noise beneath is
+  bounded from above only, and the model's curve has no rounding.
 - **rtkx position.up**: 44 fixes on a slope; a ramp and white noise fit 2 nats better than the walk
   that is chosen, which its price outweighs.  **velocity.up**: 44 samples.
 - **swift velocity.north**: the noise falls towards 0 Hz (a differenced phase, smoothed); the walk
