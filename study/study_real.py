@@ -37,9 +37,9 @@ TAIL = """
 
 Read off the spectra and courses by eye, once; the run does not write it anew.
 
-- **broad_01**: accelerometer x rises from 1 s on, too weak for the price of a slow term.  The driver
-  fills the magnetometer up from about 95 Hz, which is called a hold of 1.3 samples; the model's
-  curve is that of fresh samples here, and fails at all short times of the four channels.
+- **broad_01**: accelerometer x rises from 1 s on, too weak for the price of a slow term.  Its
+  driver fills the magnetometer up from about 95 Hz, which is called a hold of 1.3 samples; the
+  model's curve is that of fresh samples here, and fails at all short times of the four channels.
 - **rtkx position.east**: 11 s within a few steps of the fixes' digits; the white noise beneath is
   bounded from above only, and the model's curve has no rounding.
 - **rtkx position.up**: 44 fixes on a slope; a ramp and white noise fit 2 nats better than the walk
