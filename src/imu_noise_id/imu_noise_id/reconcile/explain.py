@@ -211,7 +211,7 @@ def _courses(state: State, found: Analysis) -> list[Candidate]:
         best = best_step(state, found)
         if (
             best.gain > 0.0
-            and not _known_step(state, best.time_s)
+            and not _known_step(state, best.time_s, best.gain)
             and not smoother(best.state, best.found)
         ):
             step, price = BiasStep(best.time_s, best.height), 2.0 * PRICE_PER_PARAMETER
@@ -237,9 +237,13 @@ def smoother(state: State, found: Analysis) -> bool:
     return course.objective - more > found.objective + DISTINCTLY
 
 
-def _known_step(state: State, time_s: float) -> bool:
-    """Whether the given model has a step there: then that one is to be refitted, not doubled."""
-    reach_s = max(SAME_STEP_S, SAME_STEP * time_s)
+def _known_step(state: State, time_s: float, gain: float) -> bool:
+    """Whether the given model has a step there: then that one is to be refitted, not doubled.
+
+    There: as far off as the place of a step of so many nats is uncertain.
+    """
+    uncertain_s = 2.0 * state.values.size * state.sample_time_s / (2.0 * gain)
+    reach_s = max(SAME_STEP_S, SAME_STEP * time_s, uncertain_s)
     steps = [c.effect for c in state.columns if c.given]
     return any(isinstance(e, BiasStep) and abs(e.time_s - time_s) < reach_s for e in steps)
 
