@@ -329,25 +329,15 @@ LONG_TAILED = ((_student, 8.0), (_generalized_normal, 1.5))
 def _least(
     law: Callable[[Floats, float], Floats], counts: Floats, edges: Floats, shape: float
 ) -> float:
-    """Least negative log-likelihood of a law over its scale and its shape."""
+    """Least negative log-likelihood of a law over its scale and its shape, by Nelder and Mead."""
+    from scipy.optimize import minimize  # only what was hit needs it
 
     def loss(theta: Floats) -> float:
         scale, number = np.exp(np.clip(theta, -3.0, 9.0))
         chance = -np.diff(law(edges / scale, float(number)))
         return -float(counts @ np.log(np.maximum(chance, _LEAST)))
 
-    return _minimum(loss, (0.0, float(np.log(shape))), (0.1, 0.3))[0]
-
-
-def _minimum(
-    loss: Callable[[Floats], float], start: tuple[float, ...], steps: tuple[float, ...]
-) -> tuple[float, Floats]:
-    """Least value of a loss and where it is, by the simplex of Nelder and Mead."""
-    from scipy.optimize import minimize  # only what was hit needs it
-
+    start = np.array([0.0, float(np.log(shape))])
     options = {"maxiter": 300, "xatol": 3e-3, "fatol": 3e-2}
-    simplex = np.array([start, *(start + np.diag(steps))])
-    found = minimize(
-        loss, start, method="Nelder-Mead", options={**options, "initial_simplex": simplex}
-    )
-    return float(found.fun), np.clip(found.x, -30.0, 30.0)
+    options["initial_simplex"] = start + np.array([[0.0, 0.0], [0.1, 0.0], [0.0, 0.3]])
+    return float(minimize(loss, start, method="Nelder-Mead", options=options).fun)

@@ -56,8 +56,18 @@ def _from_all_others(values: Floats) -> Floats:
     size = fft.next_fast_len(values.size, real=True)  # a transform of a prime length costs tenfold
     coefficients = cosine_coefficients(np.pad(values, (0, size - values.size), mode="symmetric"))
     inverse = _inverse_power(coefficients)
-    coefficients *= inverse / np.mean(inverse)
-    return np.asarray(fft.idct(coefficients, norm="ortho")[: values.size])
+    return less_others(coefficients, inverse)[: values.size]
+
+
+def less_others(coefficients: Floats, inverse: Floats) -> Floats:
+    """Samples (n,) less their means given all the others: V^-1 x over the diagonal of V^-1.
+
+    Parameters
+    ----------
+    coefficients, inverse : (n,) float64
+        DCT-II of the record, and one over its spectrum there to any scale; 0 for the level.
+    """
+    return np.asarray(fft.idct(coefficients * (inverse / np.mean(inverse)), norm="ortho"))
 
 
 def _inverse_power(coefficients: Floats) -> Floats:

@@ -7,6 +7,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from imu_noise_id.model import ChannelModel, Estimate, NoiseModel
+from imu_noise_id.wording import gap_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -144,12 +145,6 @@ def fleet_table(tree: dict[str, Any]) -> Table:
     return table
 
 
-def _score(score: float) -> str:
-    if not math.isfinite(score):
-        return "-"
-    return f"{score:.2f}" if score < 1000.0 else f"{score:.1g}"
-
-
 def reconciliation_table(result: Reconciliation) -> Table:
     """Return the verdict on every channel: gap before, what was changed, gap after."""
     from rich import box
@@ -167,8 +162,8 @@ def reconciliation_table(result: Reconciliation) -> Table:
         table.add_row(
             Text(channel.name, "bold"),
             Text(channel.verdict, colours.get(channel.verdict, "")),
-            _score(channel.before.score),
-            _score(channel.after.score),
+            gap_text(channel.before.score),
+            gap_text(channel.after.score),
             Text(", ".join(f"{step.action} {step.effect.name}" for step in channel.steps)),
         )
     return table

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 QUANTITIES = {
     "angular_velocity": "gyroscope",
     "linear_acceleration": "accelerometer",
@@ -27,3 +29,10 @@ def powers(value: float) -> str:
         return f"{value:.2g}"
     mantissa, _, exponent = f"{value:.1e}".partition("e")
     return f"{mantissa}\u00d710{str(int(exponent)).translate(_SUPERSCRIPTS)}"
+
+
+def gap_text(score: float, decimals: int = 2) -> str:
+    """Return a gap with as many digits as mean anything; a dash where there is none."""
+    if not math.isfinite(score):
+        return "-"
+    return f"{score:.{decimals}f}" if score < 1000.0 else f"{score:.1g}"

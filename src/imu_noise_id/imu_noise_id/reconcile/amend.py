@@ -32,6 +32,7 @@ from imu_noise_id.selection import RESPONSES
 from imu_noise_id.whittle import spectrum_of
 
 SAME_TIME = float(np.log(2.0))
+"""Logarithm of the ratio of two memories whose sum is not told from one."""
 
 
 def same_noise(new: Effect, given: tuple[Effect, ...]) -> bool:

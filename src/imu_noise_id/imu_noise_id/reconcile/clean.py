@@ -5,54 +5,52 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import gammaincc, ndtr, pdtr
 
-from imu_noise_id.dither import DEPTH, dithered
-from imu_noise_id.effects.base import Effect, Parameter, StochasticEffect, TransportEffect
+from imu_noise_id.dither import dithered
+from imu_noise_id.effects.base import Effect, StochasticEffect, TransportEffect
 from imu_noise_id.effects.held_samples import HeldSamples
-from imu_noise_id.effects.outliers import THRESHOLD, Outliers
 from imu_noise_id.effects.output_rounding import OutputRounding
 from imu_noise_id.effects.periodic import Periodic
 from imu_noise_id.effects.saturation import one_sided_limit
-from imu_noise_id.effects.variance_change import VarianceChange, variance_scan
-from imu_noise_id.gaps import draw_missing
+from imu_noise_id.effects.variance_change import VarianceChange
 from imu_noise_id.lattice import angle_note, of_an_angle
-from imu_noise_id.model import ChannelModel, Estimate, FittedEffect
+from imu_noise_id.model import ChannelModel
 from imu_noise_id.ordinates import fast_length
 from imu_noise_id.reconcile import unrounded
-from imu_noise_id.reconcile.battery import BURST_BLOCKS
 from imu_noise_id.reconcile.compare import Finding
 from imu_noise_id.reconcile.contamination import (
     Change,
-    Hits,
     angle_change,
-    find_hits,
+    finding_of,
     fresh_index,
-    hit_effect,
     hold_change,
     mend,
     rounding_change,
     saturation_change,
-    tails_log_p,
     timing_changes,
 )
 from imu_noise_id.reconcile.explain import quieten
-from imu_noise_id.reconcile.filling import filled, hollow_spectrum, lifted
-from imu_noise_id.reconcile.impulses import Impulses, impulses, rest_of
+from imu_noise_id.reconcile.filling import (
+    filled,
+    filled_as_heard,
+    hollow_spectrum,
+    lifted,
+)
 from imu_noise_id.reconcile.lines import PRESENT_NATS, given_span, has_span, line_index, steadied
 from imu_noise_id.reconcile.null import load_null, log_p_of, z_of
+from imu_noise_id.reconcile.outliers import answer_hits
 from imu_noise_id.reconcile.prior import given_effects
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE, Where
 from imu_noise_id.reconcile.state import State, analyse, inverse_psd
 from imu_noise_id.reconcile.unrounded import (
     SHORTEST,
-    Steps,
     first_draw,
     too_few_values,
     white_deviation,
     white_stride,
 )
 from imu_noise_id.reconcile.work import (
+    GIVEN_LOG_P,
     TYPED_SIZE_ERROR,
     Work,
     drafted,
@@ -69,11 +67,6 @@ STAIRS = frozenset(
     {"kurtosis", "skewness", "extreme", "burst", "patch", "levels", "modulation", "line"}
 )
 """Statistics of what stands still for a while and jumps, under any spectrum."""
-STRETCHES = 32
-CLUSTERED_LOG_P = -9.0
-TAILS_LOG_P = -14.0
-MOST_HITS, MOST_TOLD_APART, TOLD_APART = 0.02, 0.05, 20.0
-"""Share of hits, also where a mixture is so many nats likelier than any law of long tails."""
 _ONE_SIDED = (
     "samples pile up at {:.4g} {} and go beyond it on the other side: clipped on one side only, "
     "which no full scale does"
@@ -88,8 +81,6 @@ _NOISELESS = (
 )
 ON_A_STEP = 0.1
 """Steps from the nearest multiple; what was mended is nowhere."""
-GIVEN_LOG_P = float(np.log(1e-4))
-OTHER_LAW = 0.1
 NOISELESS = 1e-6
 """Of the record's own fast noise under a model that has none, which no finite gap is from."""
 
@@ -146,7 +137,8 @@ def _open(
     state = _state(model, whole, recording, index, hold, rng)
     null = load_null(state.values.size, state.sample_time_s)
     work = Work(channel, model, null, state, analyse(state), hold)
-    notes = () if _has_noise(state) else (_NOISELESS,)
+    silent = not _has_noise(state) and model.find("output_rounding") is None
+    notes = (_NOISELESS,) if silent else ()
     return replace(work, skip=_skips(model, work), notes=notes)
 
 
@@ -165,14 +157,8 @@ def _skips(model: ChannelModel, work: Work) -> frozenset[str]:
 
 def _coarse(state: State) -> frozenset[str]:
     """Rounding that shows in the distribution even under the right model."""
-    coarse = _step_in_sigma(state) > COARSE
+    coarse = state.rounding_step > COARSE * _neighbours_deviation(state)
     return frozenset({"kurtosis", "extreme"}) if coarse else frozenset()
-
-
-def _step_in_sigma(state: State) -> float:
-    """Step of the rounding that the spectrum has, in deviations of a sample from its neighbours."""
-    step = float(np.sqrt(12.0 * max(state.floor - state.dither, 0.0) / state.sample_time_s))
-    return step / _neighbours_deviation(state)
 
 
 def _neighbours_deviation(state: State) -> float:
@@ -235,22 +221,9 @@ def _drawn(
     seen = (_fast_sigma(bridged, missing) ** 2) if both.any() else 0.0
     scale = 2.0 * seen / said if seen > 0.0 else 1.0
     if hollow is not None:
-        psd = _as_seen(scale / inverse, sample_time_s, *hollow)
-        grid = np.arange(psd.size) / (2.0 * psd.size * sample_time_s)
-
-        def law(frequency_hz: Floats) -> Floats:
-            return np.asarray(np.interp(frequency_hz, grid, psd))
-
-        return draw_missing(bridged, ~missing, sample_time_s, law, rng)
+        return filled_as_heard(bridged, missing, scale / inverse, sample_time_s, hollow, rng)
     psd = lifted(bridged, scale / inverse, sample_time_s)
     return filled(bridged, missing, psd, sample_time_s, rng)
-
-
-def _as_seen(psd: Floats, sample_time_s: float, frequency_hz: Floats, seen: Floats) -> Floats:
-    """A spectrum at the ordinates, replaced by the one seen from its first frequency on."""
-    grid = np.arange(psd.size) / (2.0 * psd.size * sample_time_s)
-    known = np.exp(np.interp(grid, frequency_hz, np.log(np.maximum(seen, 1e-300))))
-    return np.maximum(np.where(grid < frequency_hz[0], psd, known), DEPTH * float(np.median(seen)))
 
 
 def _fast_sigma(values: Floats, missing: np.ndarray) -> float:
@@ -258,10 +231,6 @@ def _fast_sigma(values: Floats, missing: np.ndarray) -> float:
     both = ~(missing[1:] | missing[:-1])
     difference = np.abs(np.diff(values)[both])
     return float(np.median(difference)) / 0.6745 / np.sqrt(2.0) if difference.size else 0.0
-
-
-def _finding(change: Change) -> Finding:
-    return Finding(change.effect.name, change.log_p, z_of(change.log_p), change.where)
 
 
 def _settle(
@@ -288,7 +257,7 @@ def _settle(
     elif (limit := one_sided_limit(raw)) is not None:
         work = replace(work, notes=(*work.notes, _ONE_SIDED.format(limit, work.channel.unit)))
     pending = [*changes, *(c for c in (clipped, comb) if c)]
-    work = replace(work, unmet=tuple(_finding(c) for c in pending))
+    work = replace(work, unmet=tuple(finding_of(c) for c in pending))
     for change in pending:
         rest = tuple(f for f in work.unmet if f.name != change.effect.name)
         after = replace(work, unmet=rest)
@@ -302,7 +271,7 @@ def _settle(
             after = _with_source(after, change.effect)
         elif change.effect.name == "saturation":
             after = _unclip(after, change.effect, rng)
-        work = drafted(work, after, change.action, change.effect, _finding(change))
+        work = drafted(work, after, change.action, change.effect, finding_of(change))
     if step and not comb:
         work = _rounded(work, step, whole, recording, picked, rng)
     if not clipped and effects.get("saturation"):
@@ -413,9 +382,9 @@ def _given_burst(work: Work) -> Work:
             log_p_of(z),
             place,
         )
-        before = replace(work, unmet=(*work.unmet, _finding(change)))
+        before = replace(work, unmet=(*work.unmet, finding_of(change)))
         after = work if gone else quiet
-        work = drafted(before, after, change.action, change.effect, _finding(change))
+        work = drafted(before, after, change.action, change.effect, finding_of(change))
     return work
 
 
@@ -456,10 +425,10 @@ def _given_lines(work: Work) -> Work:
         gone = 0.5 * (amplitude / error) ** 2 < PRESENT_NATS
         effect = line if gone else seen.replace(amplitude=amplitude)
         change = Change(REMOVE if gone else REFIT, effect, log_p_of(z), place)
-        before = replace(work, unmet=(*work.unmet, _finding(change)))
+        before = replace(work, unmet=(*work.unmet, finding_of(change)))
         columns = (*work.state.columns[:index], *work.state.columns[index + 2 :])
         after = work.analysed(replace(work.state, columns=columns)) if gone else work
-        work = drafted(before, after, change.action, effect, _finding(change))
+        work = drafted(before, after, change.action, effect, finding_of(change))
     return work
 
 
@@ -482,140 +451,3 @@ def _given_for_a_while(work: Work, index: int, noted: bool) -> Work:
     absent = max((work.state.start_s, span_s[0]), (span_s[1], end_s), key=lambda s: s[1] - s[0])
     finding = Finding("absent line", -gain, z_of(-gain), Where("time", *absent, "s", -z_of(-gain)))
     return replace(after, unmet=(*after.unmet, finding))
-
-
-def answer_hits(work: Work, rng: np.random.Generator) -> Work:
-    """Mask and mend outliers, and say so where the model does not have as many."""
-    given = next((f for f in work.model.effects if isinstance(f.effect, Outliers)), None)
-    single = _single_samples(work)
-    white = single.unit
-    hits = _hits_of(single, work.state)
-    if given is None and (_by_chance(hits) or clustered(white, hits.mask)):
-        return work
-    tails = tails_log_p(white, hits.answer.best)
-    most = MOST_TOLD_APART if hits.answer.tails < -TOLD_APART else MOST_HITS
-    if given is None and (tails < TAILS_LOG_P or hits.answer.rate > most or _lopsided(white, hits)):
-        return work  # not a few hits but another distribution
-    change = _hit_change(work, given, hits, single)
-    mask = hits.drawn(rng)
-    if mask.any() and not (change is not None and change.action == REMOVE):
-        values = _mended(work, mask, single, rng)
-        place = Where("amplitude", 2.5, 5.0, "sigma", 1.0)
-        after = replace(
-            work,
-            skip=work.skip | {"extreme", "kurtosis"},
-            lasting=(*work.lasting, Finding("tails", tails, z_of(tails), place)),
-            steps=without_hits(work, mask, values),
-        ).analysed(work.state.with_values(values))
-    else:
-        after = work
-    if change is None:
-        return after
-    before = replace(work, unmet=(*work.unmet, _finding(change)))
-    done = drafted(before, after, change.action, change.effect, _finding(change))
-    last = replace(done.drafts[-1], log_errors=hits.errors)
-    return replace(done, drafts=(*done.drafts[:-1], last))
-
-
-def _single_samples(work: Work) -> Impulses:
-    """Samples less what others say of them, under a fit that no hits have spoilt."""
-    single = impulses(work.found)
-    mask = _hits_of(single, work.state).mask
-    if not mask.any():
-        return single
-    hit = np.where(mask, single.samples, 0.0)
-    found = analyse(work.state.with_values(work.state.values - hit))
-    return impulses(found, rest_of(found) + hit)
-
-
-def _hits_of(single: Impulses, state: State) -> Hits:
-    step = _step_in_sigma(state) * _neighbours_deviation(state) / single.expected
-    return find_hits(single.unit, step)
-
-
-def _mended(work: Work, mask: np.ndarray, single: Impulses, rng: np.random.Generator) -> Floats:
-    """Values with the masked ones drawn as the noise has them between the others."""
-    dt = work.state.sample_time_s
-    inverse = single.inverse.copy()
-    inverse[0] = inverse[1]
-    louder = single.sigma**2 * dt * float(np.mean(single.inverse))
-    drawn = filled(single.rest, mask, louder / inverse, dt, rng)
-    return np.asarray(work.state.values + np.where(mask, drawn - single.rest, 0.0))
-
-
-def without_hits(work: Work, mask: np.ndarray, mended: Floats) -> Steps | None:
-    """The steps of a record without its hits, the values mended there."""
-    steps = work.steps
-    if steps is None or not work.drawable:
-        return steps
-    return replace(steps, missing=steps.missing | mask, drawn=mended)
-
-
-def _hit_change(
-    work: Work, given: FittedEffect | None, hits: Hits, single: Impulses
-) -> Change | None:
-    """What the hits change: added, of another rate or size than given, or fewer than any."""
-    white, sigma = single.unit, single.sigma
-    place = Where("amplitude", 5.0, max(float(np.abs(white).max()), 5.0), "sigma", 1.0)
-    if given is None:
-        return Change(ADD, hit_effect(hits, sigma), hits.log_p, place)
-    said = given.effect
-    assert isinstance(said, Outliers)
-    if _by_chance(hits):
-        far = 2.0 * ndtr(-THRESHOLD / np.hypot(1.0, said.scale / sigma))
-        least = float(given.estimates[0].lower or said.rate)
-        log_p = float(np.log(max(pdtr(hits.mask.sum(), least * white.size * far), 1e-300)))
-        return Change(REMOVE, said, log_p, place) if log_p < GIVEN_LOG_P else None
-    seen = hit_effect(hits, sigma)
-    pairs = zip(said.parameters, given.estimates, hits.errors.values(), strict=True)
-    z = max((_apart(said, seen, *pair) for pair in pairs), key=abs)
-    return Change(REFIT, seen, log_p_of(z), place) if log_p_of(z) < GIVEN_LOG_P else None
-
-
-def _apart(
-    given: Outliers, seen: Outliers, parameter: Parameter, said: Estimate, error: float
-) -> float:
-    """Deviation of one parameter of hits, in standard errors of its logarithm.
-
-    The law of the hits is not the catalogue's to the letter: ``OTHER_LAW`` of what is read by it.
-    """
-    first, second = (float(getattr(e, parameter.name)) for e in (given, seen))
-    known = (said.std_error or TYPED_SIZE_ERROR * first) / first
-    return float(np.log(second / first) / np.sqrt(error**2 + known**2 + OTHER_LAW**2))
-
-
-def _by_chance(hits: Hits) -> bool:
-    """Whether a clean record has samples as far out, or as many, often enough to say nothing."""
-    return bool(hits.log_p > GIVEN_LOG_P)
-
-
-def _lopsided(white: Floats, hits: Hits) -> bool:
-    """Whether hits have one sign more often than chance has it."""
-    count = int(hits.mask.sum())
-    return count >= 12 and abs(float(np.sign(white[hits.mask]).sum())) > 4.0 * np.sqrt(count)
-
-
-def clustered(white: Floats, mask: np.ndarray) -> bool:
-    """Whether hits come in a burst: then they are a change of variance, not outliers."""
-    count = int(mask.sum())
-    if count < 6:
-        return False
-    position = np.flatnonzero(mask) / mask.size
-    # Kolmogorov's distance from evenness
-    steps = np.arange(1, count + 1) / count
-    distance = float(
-        np.max(np.maximum(np.abs(steps - position), np.abs(steps - 1 / count - position)))
-    )
-    if -2.0 * count * distance**2 + np.log(2.0) < CLUSTERED_LOG_P:
-        return True
-    per_stretch = np.bincount((position * STRETCHES).astype(int), minlength=STRETCHES)
-    dispersion = float(np.sum((per_stretch - count / STRETCHES) ** 2) / (count / STRETCHES))
-    if (
-        float(np.log(max(gammaincc((STRETCHES - 1) / 2.0, dispersion / 2.0), 1e-300)))
-        < CLUSTERED_LOG_P
-    ):
-        return True
-    quiet = np.where(mask, 0.0, white)
-    first, last, _, gain, _ = variance_scan(quiet, BURST_BLOCKS)
-    inside = np.mean(mask[first:last]) if last > first else 0.0
-    return gain > 15.0 and inside > 4.0 * np.mean(mask)

@@ -31,8 +31,13 @@ COMMON_NOISE = (
 )
 
 
+def only_slow(changed: Work) -> bool:
+    """Whether all that was changed on a channel is slow noise."""
+    return bool(changed.drafts) and all(d.effect.name in SLOW_STEPS for d in changed.drafts)
+
+
 def of_one_noise(changed: Work, opened: Work, simulated: Work, log_level: float) -> bool:
-    """Whether all that was changed is slow noise that the simulator's own recording may have too.
+    """Whether one law explains the slow noise of both as well as a law each.
 
     Parameters
     ----------
@@ -43,11 +48,9 @@ def of_one_noise(changed: Work, opened: Work, simulated: Work, log_level: float)
     log_level : float
         Logarithm of the chance at which the two are told apart.
     """
-    if not changed.drafts or any(d.effect.name not in SLOW_STEPS for d in changed.drafts):
-        return False
-    least_hz = LOW / max(w.state.sample_time_s for w in (changed, simulated))
+    most_hz = LOW / max(w.state.sample_time_s for w in (changed, simulated))
     mended, given = _effects(changed), _effects(simulated)
-    own, seen, other = (_low(w, least_hz) for w in (changed, opened, simulated))
+    own, seen, other = (_low(w, most_hz) for w in (changed, opened, simulated))
     apart = _likelihood(mended, own, changed) + _likelihood(given, other, simulated)
     ramps = sum(d.effect.name == "rate_ramp" for d in changed.drafts)
     both = _joined(seen, other)
@@ -76,9 +79,9 @@ def _count(effects: tuple[Effect, ...]) -> int:
     return sum(len(e.free()) for e in effects)
 
 
-def _low(work: Work, least_hz: float) -> Ordinates:
+def _low(work: Work, most_hz: float) -> Ordinates:
     bins = work.found.ordinates
-    low = bins.frequency_hz < least_hz
+    low = bins.frequency_hz < most_hz
     return replace(
         bins, frequency_hz=bins.frequency_hz[low], power=bins.power[low], dof=bins.dof[low]
     )

@@ -22,6 +22,9 @@ from imu_noise_id.effects.quantization import Quantization
 from imu_noise_id.effects.saturation import Saturation, saturation_limit
 from imu_noise_id.effects.timestamp_jitter import TimestampJitter, jitter_std
 from imu_noise_id.hits import NO_HITS, Answer, Mixture, hit_mixtures
+from imu_noise_id.reconcile.compare import Finding
+from imu_noise_id.reconcile.impulses import robust_sigma
+from imu_noise_id.reconcile.null import z_of
 from imu_noise_id.reconcile.result import ADD, REFIT, REMOVE, Where
 from imu_noise_id.recording import Channel, Floats, Mask
 
@@ -52,6 +55,11 @@ class Change:
     effect: Effect
     log_p: float
     where: Where
+
+
+def finding_of(change: Change) -> Finding:
+    """A change as a statistic that the model leaves unanswered."""
+    return Finding(change.effect.name, change.log_p, z_of(change.log_p), change.where)
 
 
 def timing_changes(channel: Channel, given: dict[str, Effect], log_level: float) -> list[Change]:
@@ -252,22 +260,18 @@ def find_hits(white: Floats, step: float = 0.0) -> Hits:
     none = Hits(no_hits, np.zeros(white.size), 0.0)
     if count == 0:
         return none
-    unit = centred / _robust_sigma(centred)
+    unit = centred / robust_sigma(centred)
     rate, scale = outlier_parameters(unit[first], white.size, 1.0)
     if rate > MOST_OF_ALL:
         return none  # no few among many: another distribution, which the amplitudes show
     even = centred + step * (np.arange(white.size) * GOLDEN % 1.0 - 0.5)
-    answer = hit_mixtures(even / _robust_sigma(even), rate, scale)
+    answer = hit_mixtures(even / robust_sigma(even), rate, scale)
     expected = white.size * 2.0 * ndtr(-THRESHOLD)
     many = 1.0 - gammaincc(count, expected)
     far = min(white.size * 2.0 * ndtr(-float(np.abs(unit).max())), 1.0)
     log_p = float(np.log(max(many, 1e-300))), float(np.log(max(far, 1e-300)))
     odds = answer.best.odds(unit)
     return Hits(answer, odds / (1.0 + odds), min(log_p) + float(np.log(2.0)))
-
-
-def _robust_sigma(centred: Floats) -> float:
-    return max(1.4826 * float(np.median(np.abs(centred))), 1e-300)
 
 
 def hit_effect(hits: Hits, sigma: float) -> Outliers:

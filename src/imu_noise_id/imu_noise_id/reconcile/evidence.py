@@ -7,7 +7,7 @@ from collections.abc import Callable
 from imu_noise_id.effects.bandwidth_limit import BandwidthLimit
 from imu_noise_id.model import FittedEffect
 from imu_noise_id.reconcile.result import ADD, REFIT
-from imu_noise_id.wording import channel_label
+from imu_noise_id.wording import channel_label, gap_text
 
 _THINGS: dict[str, Callable[[dict[str, float], str], str]] = {
     "white_noise": lambda v, u: f"white noise of {v['density']:.3g} {u}/sqrt(Hz)",
@@ -80,10 +80,5 @@ def sentence(
     else:
         what = f"{thing} is in the model and not in the recording"
     note = f"; {fitted.note}" if fitted.note else ""
-    gap = f"gap {gap_text(unseen[0])} -> {gap_text(unseen[1])} on unseen data{note}"
+    gap = f"gap {gap_text(unseen[0], 1)} -> {gap_text(unseen[1], 1)} on unseen data{note}"
     return f"{channel_label(name)}: {what} ({gap})"
-
-
-def gap_text(score: float) -> str:
-    """Return a gap with as many digits as mean anything."""
-    return f"{score:.1f}" if score < 1000.0 else f"{score:.1g}"

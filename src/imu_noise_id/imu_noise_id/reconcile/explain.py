@@ -55,10 +55,12 @@ COURSES = ("temperature", "rate_ramp", "bias_step")
 DRIFTS = (*SLOW, *COURSES)
 TELEGRAPH_BLOCKS = 1500
 LEAST_SLOW = 3.0
+"""Nats of a slow term from which two levels are asked for."""
 LEAST_JUMPS = 4
 """There and back twice."""
 COLOURED_LOG_P = -9.0
 BURST_ROUNDS, SETTLED = 4, 0.02
+"""In which a burst is measured, till its ratio moves by less than that part."""
 DISTINCTLY = 5.0
 """Nats by which one band must tell a window better than all of its noise: two names fit below."""
 SAME_STEP_S, SAME_STEP = 1.0, 0.02

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import fft
 
+from imu_noise_id.dither import DEPTH
+from imu_noise_id.gaps import draw_missing
 from imu_noise_id.ordinates import ordinates
 from imu_noise_id.reconcile.battery import deviance
 from imu_noise_id.recording import Floats, Mask
@@ -55,6 +57,39 @@ def hollow_spectrum(
             return None
         return np.arange(SKIPPED, SKIPPED + psd.size) / (size * sample_time_s), psd
     return None
+
+
+def filled_as_heard(
+    bridged: Floats,
+    missing: Mask,
+    psd: Floats,
+    sample_time_s: float,
+    heard: tuple[Floats, Floats],
+    rng: np.random.Generator,
+) -> Floats:
+    """A draw of the missing samples under a model's spectrum, from its first frequency the heard.
+
+    Parameters
+    ----------
+    bridged : (n,) float64
+    missing : (n,) bool
+    psd : (n,) float64
+        Two-sided, at the DCT's ordinates.
+    sample_time_s : float
+    heard : two (m,) float64
+        Of :func:`hollow_spectrum`.
+    rng : numpy.random.Generator
+    """
+    frequency_hz, seen = heard
+    grid = np.arange(psd.size) / (2.0 * psd.size * sample_time_s)
+    known = np.exp(np.interp(grid, frequency_hz, np.log(np.maximum(seen, 1e-300))))
+    least = DEPTH * float(np.median(seen))
+    whole = np.maximum(np.where(grid < frequency_hz[0], psd, known), least)
+
+    def law(f: Floats) -> Floats:
+        return np.asarray(np.interp(f, grid, whole))
+
+    return draw_missing(bridged, ~missing, sample_time_s, law, rng)
 
 
 def lifted(bridged: Floats, psd: Floats, sample_time_s: float) -> Floats:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy import fft
 
 from imu_noise_id.effects.outliers import outlier_mask
+from imu_noise_id.leave_one_out import less_others
 from imu_noise_id.reconcile.prior import given_effects
 from imu_noise_id.reconcile.state import Analysis, inverse_psd
 from imu_noise_id.reconcile.steps import step_scores
@@ -101,9 +102,7 @@ def robust_sigma(samples: Floats) -> float:
 
 
 def _weighted(values: Floats, inverse: Floats) -> Floats:
-    """V^-1 x over the mean of V^-1's diagonal."""
-    weight = inverse / np.mean(inverse)
-    return np.asarray(fft.idct(weight * fft.dct(values, norm="ortho"), norm="ortho"))
+    return less_others(np.asarray(fft.dct(values, norm="ortho")), inverse)
 
 
 def _less_the_undoubted(values: Floats, inverse: Floats, doubtful: Mask) -> tuple[Floats, Floats]:

@@ -17,7 +17,7 @@ from imu_noise_id.model import ChannelModel, NoiseModel
 from imu_noise_id.reconcile.axes import Tie, ties
 from imu_noise_id.reconcile.candidate import PRICE_PER_PARAMETER, Candidate, given_count
 from imu_noise_id.reconcile.clean import answer_hits, open_topic
-from imu_noise_id.reconcile.common import COMMON_NOISE, of_one_noise
+from imu_noise_id.reconcile.common import COMMON_NOISE, of_one_noise, only_slow
 from imu_noise_id.reconcile.compare import Finding, Findings
 from imu_noise_id.reconcile.explain import MOST_PER_CHANNEL, candidates
 from imu_noise_id.reconcile.lines import harmonics, line_columns
@@ -94,11 +94,11 @@ def reconcile_recording(
 
     with ThreadPoolExecutor(max(workers, 1)) as pool:
         results = dict(zip(works, pool.map(explained, works), strict=True))
-    if simulation is not None:
+    slow = [name for name, work in results.items() if only_slow(work)]
+    if simulation is not None and slow:
         played, _ = _opened(simulation, model, seed, false_alarm_rate)
-        for name in results.keys() & played.keys():
-            trio = results[name], works[name], played[name]
-            if of_one_noise(*trio, levels.channel):
+        for name in slow:
+            if of_one_noise(results[name], works[name], played[name], levels.channel):
                 notes = (*works[name].notes, COMMON_NOISE)
                 results[name] = replace(results[name], drafts=(), notes=notes)
     return _assemble(recording, model, results, levels)

@@ -313,20 +313,21 @@ def _direct_errors(work: Work, effect: Effect) -> dict[str, float]:
 
 
 def _with_errors(effect: Effect, errors: dict[str, float], unit: str) -> FittedEffect:
-    estimates = []
+    estimates, unknown = [], []
     for parameter in effect.parameters:
         value = getattr(effect, parameter.name)
         error = errors.get(parameter.name)
         lower = upper = None
         if error is not None and parameter.positive and error > UNKNOWN * value > 0.0:
-            error = None  # the record does not tell it: no interval is better than one of decades
+            error = None  # no interval is better than one of decades
+            unknown.append(f"{parameter.name} is not told by the record")
         elif error is not None and parameter.positive and value > 0.0:
             spread = float(np.exp(min(QUANTILE * error / value, 50.0)))
             lower, upper = value / spread, value * spread
         elif error is not None:
             lower, upper = value - QUANTILE * error, value + QUANTILE * error
         estimates.append(Estimate(value, error, lower, upper, parameter.unit_for(unit)))
-    return FittedEffect(effect, tuple(estimates))
+    return FittedEffect(effect, tuple(estimates), "; ".join(unknown))
 
 
 def _covariance(work: Work, kept: list[FittedEffect], spectral: list[FittedEffect]) -> Floats:

@@ -55,6 +55,7 @@ DRIFT_ORDINATES = 128
 SHORTEST_DRIFT = 1.0 / 64.0
 """Correlation time of an unseen drift over the record: faster ones reach beyond the ordinates."""
 LONGER = 1.5
+"""Length of a record over that of the model's, from which slow terms leave room below."""
 FREE_STD_ERROR = 1e3
 BEYOND = 1e-3
 """Chance of parameters as far from the model's, taken together."""

@@ -86,6 +86,11 @@ class State:
         """Time of each sample since the recording's first stamp."""
         return np.asarray(self.start_s + self.sample_time_s * np.arange(self.values.size))
 
+    @property
+    def rounding_step(self) -> float:
+        """Step of the rounding that the spectrum has; 0 without one."""
+        return float(np.sqrt(12.0 * max(self.floor - self.dither, 0.0) / self.sample_time_s))
+
     def with_values(self, values: Floats) -> State:
         """The same model on other samples."""
         return replace(self, values=values)

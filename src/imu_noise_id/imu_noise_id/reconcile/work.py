@@ -35,6 +35,8 @@ SIZE_NAMES = {"rate_ramp": "slope", "bias_step": "height", "temperature": "coeff
 """Parameter to which a course is proportional."""
 
 TYPED_SIZE_ERROR = 0.01
+GIVEN_LOG_P = float(np.log(1e-4))
+"""Chance beneath which a size that the model has is another in the record."""
 STANDS_OUT = 20.0
 DRAWS = 6
 """Of what was rounded, the courses (or all of the model) fitted between."""

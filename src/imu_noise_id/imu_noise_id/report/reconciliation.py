@@ -18,7 +18,7 @@ from imu_noise_id.report.plot import Axis, Plot
 from imu_noise_id.series import Series, to_series
 from imu_noise_id.spectrum import spectrum
 from imu_noise_id.terminal import half_width, interval, number
-from imu_noise_id.wording import channel_label
+from imu_noise_id.wording import channel_label, gap_text
 
 BINS = 61
 
@@ -79,8 +79,8 @@ def _notes(result: Reconciliation) -> tuple[str, ...]:
     return tuple(f"{c.name}: {note}" for c in agreeing for note in c.notes)
 
 
-def _shown(number: float, form: str) -> str:
-    return format(number, form) if np.isfinite(number) else "-"
+def _chance(p_value: float) -> str:
+    return f"{p_value:.2g}" if np.isfinite(p_value) else "-"
 
 
 def _overview(result: Reconciliation) -> Section:
@@ -90,8 +90,8 @@ def _overview(result: Reconciliation) -> Section:
         rows.append(
             (
                 *(channel.name, channel.verdict),
-                *(_shown(channel.before.score, ".2f"), _shown(channel.before.p_value, ".2g")),
-                *(_shown(channel.after.score, ".2f"), _shown(channel.after.p_value, ".2g")),
+                *(gap_text(channel.before.score), _chance(channel.before.p_value)),
+                *(gap_text(channel.after.score), _chance(channel.after.p_value)),
                 steps,
             )
         )
@@ -234,7 +234,7 @@ def _steps(channel: ChannelReconciliation) -> Table:
     rows = []
     for step in channel.steps:
         action, effect = step.action, step.effect.name
-        gaps = (f"{step.held_out.gap_before:.2f}", f"{step.held_out.gap_after:.2f}")
+        gaps = (gap_text(step.held_out.gap_before), gap_text(step.held_out.gap_after))
         for parameter, e in zip(step.effect.effect.parameters, step.effect.estimates, strict=True):
             value = number(e.value, half_width(e))
             rows.append((action, effect, parameter.name, value, interval(e), e.unit, *gaps))
